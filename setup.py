@@ -35,6 +35,7 @@ COMPILED = (
     "ds301/node/node.py",
     "ds301/node/sdo.py",
     "ds301/pdo.py",
+    "ds301/sdo_transfer.py",
     "dsp402/drive/client.py",
     "dsp402/drive/images.py",
     "dsp402/drive/mode_check.py",

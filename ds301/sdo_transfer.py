@@ -11,12 +11,11 @@ import abc
 from binascii import crc_hqx
 from typing import Final, Protocol
 
-import canopen
-
 from pdgw.ds301.aborts import Abort, abort_text
 
 FRAME_SIZE: Final = 8
 SEGMENT_SIZE: Final = 7
+EXPEDITED_SIZE: Final = 4
 ADDRESS: Final = slice(1, 4)
 """Index and sub-index in the frames that name an object."""
 COMMAND: Final = 0xE0
@@ -53,19 +52,20 @@ _NEVER: Final = 1 << 62
 _TOO_LONG: Final = " is too long to be read"
 
 
-class SdoAbortedError(canopen.SdoAbortedError):  # type: ignore[misc]
+class SdoAbortedError(Exception):
     """An access was aborted by the server. ``where``: node and object, if known."""
 
     def __init__(self, code: int, where: str = "") -> None:
         super().__init__(code)
+        self.code = code
         self.where = where
 
     def __str__(self) -> str:
         return f"{self.where}: {abort_text(self.code)}" if self.where else abort_text(self.code)
 
 
-SdoCommunicationError = canopen.SdoCommunicationError
-"""An access without an answer, or with one that breaks the protocol."""
+class SdoCommunicationError(Exception):
+    """An access without an answer, or with one that breaks the protocol."""
 
 
 def address_of(index: int, subindex: int) -> bytes:
@@ -101,9 +101,9 @@ class Source:
     def first(self, command: int, address: bytes) -> bytes:
         """The frame that begins a transfer: with the data if they are 1 to 4 bytes."""
         size = len(self._data)
-        if 1 <= size <= 4:
+        if 1 <= size <= EXPEDITED_SIZE:
             self.complete = True
-            return _frame(command | EXPEDITED | _SIZE | (4 - size) << 2, address + self._data)
+            return _frame(command | EXPEDITED | _SIZE | (EXPEDITED_SIZE - size) << 2, address + self._data)
         return _frame(command | _SIZE, address + size.to_bytes(4, "little"))
 
     def first_of_blocks(self, address: bytes) -> bytes:
@@ -257,13 +257,16 @@ class Sink:
 class Transfer(abc.ABC):
     """An access of a client to one object. Send ``request`` and call ``begin``, and send what ``take`` and ``check`` return."""
 
-    def __init__(self, index: int, subindex: int, request: bytes, timeout_ns: int) -> None:
+    def __init__(self, index: int, subindex: int, request: bytes, timeout_ns: int, limit_ns: int = _NEVER) -> None:
+        self.index = index
+        self.subindex = subindex
         self.address = address_of(index, subindex)
         self.request = request
         self._timeout_ns = timeout_ns
         """For each answer of the server."""
-        self._end = _NEVER
-        """The transfer must have ended then."""
+        self._limit_ns = limit_ns
+        """For the whole transfer."""
+        self._end = 0
         self.due = 0
         """When ``check`` must be called, in nanoseconds."""
         self.ended = False
@@ -279,7 +282,8 @@ class Transfer(abc.ABC):
 
     def begin(self, now: int) -> None:
         """The request is sent."""
-        self.due = now + self._timeout_ns
+        self._end = now + self._limit_ns
+        self.due = min(now + self._timeout_ns, self._end)
 
     def take(self, frame: bytes, now: int) -> list[bytes]:
         """Process a frame of the server. Answers to other requests are ignored."""
@@ -332,16 +336,10 @@ class Upload(Transfer):
     ) -> None:
         address = address_of(index, subindex)
         request = _frame(BLOCK_SINK | _CRC, address + bytes((BLOCK_LIMIT,))) if by_blocks else _frame(UPLOAD, address)
-        super().__init__(index, subindex, request, timeout_ns)
+        super().__init__(index, subindex, request, timeout_ns, limit_ns)
         self.sink = Sink(limit)
-        self._limit_ns = limit_ns
-        """Time for the whole transfer."""
         self._repeated = False
         """The segments that are missing of a block were requested once more."""
-
-    def begin(self, now: int) -> None:
-        super().begin(now)
-        self._end = now + self._limit_ns
 
     def check(self, now: int) -> list[bytes]:
         sink = self.sink

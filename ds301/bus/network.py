@@ -69,7 +69,7 @@ class CanNetwork(Receiver):
         self.name = name
         self._log_fields = {"event": "bus", "bus": name}
         """For who collects the log."""
-        self.canopen = AcyclicNetwork(self._send_acyclic, self.send_first)
+        self.canopen = AcyclicNetwork(self.send_acyclic)
         self.bring_ups = Turns(loop, _BRING_UPS)
         """Nodes that are configured at a time."""
         self._sdo_gap = 0
@@ -245,8 +245,8 @@ class CanNetwork(Receiver):
         self._sdo_gap = sdo_gap_ns
         self.bring_ups.limit = max(1, answer_ns // _QUARTER // sdo_gap_ns)
 
-    def _send_acyclic(self, cob_id: int, data: bytes) -> None:
-        """A frame of canopen's; SDO requests in their gap."""
+    def send_acyclic(self, cob_id: int, data: bytes) -> None:
+        """As ``send``; SDO requests in their gap."""
         if not self._sdo_gap or cob_id & _FUNCTION != SDO_REQUEST:
             self.send(cob_id, data)
         elif (cob_id, data) not in self._sdo_frames:

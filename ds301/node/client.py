@@ -83,7 +83,7 @@ class NodeClient(abc.ABC, Generic[S]):
     ) -> None:
         self.loop = network.loop
         self.network = network
-        self.sdo = ConfiguringAccess(network.loop, settings.node_id, dictionary, self.kind)
+        self.sdo = ConfiguringAccess(network, settings.node_id, dictionary, self.kind)
         """Access to its objects, in its task."""
         self.command: Callable[[int, int, bytes], None] = self.sdo.write
         """In a job: SDO write of a value that the owner commands: index, subindex and data."""
@@ -217,8 +217,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
         node_id = self.settings.node_id
         network = self.network.canopen
-        self.sdo.node.emcy.on_emcy = self._on_emcy  # canopen stores every EMCY permanently, and accepts 8 bytes only
-        network.add_node(self.sdo.node)
+        self.sdo.open()
+        network.subscribe(EMCY + node_id, self._on_emcy)
         network.subscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
         network.subscribe(SDO_REQUEST + node_id, self._on_other_request)
         self._task = self.loop.spawn(self._run, f"{self.kind.name} {node_id}")
@@ -248,8 +248,10 @@ class NodeClient(abc.ABC, Generic[S]):
         self._unsubscribe_pdos()
         self.network.require_sync(self.settings.node_id, required=False)
         network, node_id = self.network.canopen, self.settings.node_id
-        if network.nodes.get(node_id) is self.sdo.node:
-            del network[node_id]
+        if self._task is not None:
+            self._task = None
+            self.sdo.close()
+            network.unsubscribe(EMCY + node_id, self._on_emcy)
             network.unsubscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
             network.unsubscribe(SDO_REQUEST + node_id, self._on_other_request)
             if self._moved_emcy:

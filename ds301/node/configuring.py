@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import canopen
 
 from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import IDENTITY, profile_of
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, has_effect
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import CanType
@@ -35,8 +35,10 @@ class DeviceKind:
 class ConfiguringAccess(SdoAccess):
     """SDO access that writes ``SdoStep``s."""
 
-    def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary, kind: DeviceKind) -> None:
-        super().__init__(loop, node_id, dictionary, kind.error_type)
+    def __init__(
+        self, network: CanNetwork, node_id: int, dictionary: canopen.ObjectDictionary, kind: DeviceKind
+    ) -> None:
+        super().__init__(network, node_id, dictionary, kind.error_type)
         self.kind = kind
 
     def check_identity(self, device_type: int, device: tuple[int, int] = (0, 0), sheet: str = "the EDS") -> None:

@@ -9,23 +9,12 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from canopen.sdo.constants import (
-    INITIATE_BLOCK_TRANSFER,
-    REQUEST_BLOCK_DOWNLOAD,
-    REQUEST_BLOCK_UPLOAD,
-    REQUEST_DOWNLOAD,
-    REQUEST_UPLOAD,
-    RESPONSE_ABORTED,
-    RESPONSE_DOWNLOAD,
-    RESPONSE_UPLOAD,
-)
+from pdgw.ds301.sdo_transfer import ABORT, ADDRESS, BLOCK_SINK, BLOCK_SOURCE, COMMAND, CONFIRM, DOWNLOAD, UPLOAD
 
-_COMMAND: Final = 0xE0
-_REQUESTS: Final = (REQUEST_DOWNLOAD, REQUEST_UPLOAD)
-_BLOCK_COMMAND: Final = _COMMAND | 1
-_BLOCKS: Final = (REQUEST_BLOCK_UPLOAD | INITIATE_BLOCK_TRANSFER, REQUEST_BLOCK_DOWNLOAD | INITIATE_BLOCK_TRANSFER)
-_RESPONSES: Final = (RESPONSE_DOWNLOAD, RESPONSE_UPLOAD)
-_ADDRESS: Final = slice(1, 4)
+_REQUESTS: Final = (DOWNLOAD, UPLOAD)
+_RESPONSES: Final = (CONFIRM, UPLOAD)
+_BLOCKS: Final = (BLOCK_SINK, BLOCK_SOURCE)
+_BLOCK_COMMAND: Final = COMMAND | 1
 _OBJECTS: Final = 4096
 """Objects that are distinguished: data of other clients' block transfers may look like requests."""
 _ANSWERS: Final = 8
@@ -53,22 +42,22 @@ class SecondAnswers:
 
     def requested(self, request: bytes | bytearray) -> None:
         """A frame of a client to the node. Segments name no object and are ignored."""
-        if not request or (request[0] & _COMMAND not in _REQUESTS and request[0] & _BLOCK_COMMAND not in _BLOCKS):
+        if not request or (request[0] & COMMAND not in _REQUESTS and request[0] & _BLOCK_COMMAND not in _BLOCKS):
             return
         if len(self._open) > _OBJECTS:
             self._open.clear()
-        address = bytes(request[_ADDRESS])
+        address = bytes(request[ADDRESS])
         self._open[address] = self._open.get(address, 0) + 1
 
     def answered(self, answer: bytes | bytearray) -> None:
         """A frame of the node. An abort may also end a transfer whose first frame was answered: it is never a second answer."""
-        if not answer or (answer[0] != RESPONSE_ABORTED and answer[0] & _COMMAND not in _RESPONSES):
+        if not answer or (answer[0] != ABORT and answer[0] & COMMAND not in _RESPONSES):
             return
-        address = bytes(answer[_ADDRESS])
+        address = bytes(answer[ADDRESS])
         count = self._open.get(address)
         if count:
             self._open[address] = count - 1
-        if count is not None and answer[0] != RESPONSE_ABORTED:
+        if count is not None and answer[0] != ABORT:
             self._recent.append(count == 0)
 
     @property

@@ -13,28 +13,28 @@ from pdgw.ds301.aborts import NOT_THERE
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.sdo_transfer import SdoAbortedError
+from pdgw.durations import SECOND
 
 
 class Inquiry(SdoAccess):
     """Queries a node until the end of the ``with`` block, inside a task. ``timeout_s``: for each answer."""
 
     def __init__(self, network: CanNetwork, node_id: int, timeout_s: float) -> None:
-        super().__init__(network.loop, node_id, canopen.ObjectDictionary())
+        super().__init__(network, node_id, canopen.ObjectDictionary())
         self.node_id = node_id
-        self._sdo.RESPONSE_TIMEOUT = timeout_s
-        self._network = network.canopen
+        self.set_timeout(int(timeout_s * SECOND), slow=False)
 
     def __enter__(self) -> Self:
-        self._network.add_node(self.node)
+        self.open()
         return self
 
     def __exit__(self, *_: object) -> None:
-        del self._network[self.node_id]
+        self.close()
 
     def fetch(self, index: int, subindex: int = 0) -> bytes | None:
         """What an object holds: None where the node does not have it, nothing where it cannot be read now.
 
-        Raises canopen's SdoCommunicationError when the node does not answer.
+        Raises SdoCommunicationError when the node does not answer.
         """
         try:
             return self.read(index, subindex)

@@ -1,4 +1,4 @@
-"""SDO access to one node in a task of the loop, with canopen's client.
+"""SDO access to one node: reads and writes in a task of the loop, and questions that need no task.
 
 Source: CiA DS 301 V4.02 chapter 7.2.4. Nothing here waits but inside a task; an answer that does not end is an error.
 """
@@ -6,120 +6,103 @@ Source: CiA DS 301 V4.02 chapter 7.2.4. Nothing here waits but inside a task; an
 from __future__ import annotations
 
 import logging
-import queue
-from collections import deque
 from collections.abc import Callable
 from typing import Final, TypeVar
 
 import canopen
-from canopen.sdo.constants import (
-    EXPEDITED,
-    REQUEST_DOWNLOAD,
-    REQUEST_UPLOAD,
-    RESPONSE_ABORTED,
-    RESPONSE_DOWNLOAD,
-    RESPONSE_UPLOAD,
-    SDO_STRUCT,
-    SIZE_SPECIFIED,
-)
 
 from pdgw.ds301.aborts import Abort, abort_text
-from pdgw.ds301.bus.on_canopen import UNNAMED, SdoClient
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop.loop import Loop
+from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.doubles import SecondAnswers
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
-from pdgw.durations import SECOND
+from pdgw.ds301.sdo_transfer import (
+    ABORT,
+    ADDRESS,
+    EXPEDITED_SIZE,
+    Download,
+    SdoAbortedError,
+    SdoCommunicationError,
+    Transfer,
+    Upload,
+)
+from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")
 
 T = TypeVar("T")
 
-SEGMENT_SIZE: Final = 7
-_EXPEDITED_SIZE = 4
-_LONGEST_UPLOAD = 1 << 16
+_LONGEST_UPLOAD: Final = 1 << 16
 LONGEST_UPLOAD_NS: Final = 10 * SECOND
-_FRAME = 8
-_OF_THE_SIZE = SIZE_SPECIFIED | 3 << 2
-_REPEATS = 2
+_TIMEOUT_NS: Final = 300 * MS
+_REPEATS: Final = 2
 """A request without an answer is sent again so often."""
-_REPEAT_AFTER = 10
+_REPEAT_AFTER: Final = 10
 """An urgent request is repeated after this fraction of its timeout."""
 
 
-def _download(index: int, subindex: int, data: bytes) -> bytes:
-    """The request of an expedited download of 1 to 4 bytes."""
-    command = REQUEST_DOWNLOAD | EXPEDITED | SIZE_SPECIFIED | (_EXPEDITED_SIZE - len(data)) << 2
-    return bytes(SDO_STRUCT.pack(command, index, subindex)) + data.ljust(_EXPEDITED_SIZE, b"\0")
-
-
 class SdoAccess:
-    """Read and write the objects of a node; every method is for a task. ``error_type`` is the package's error for an abort,
+    """Read and write the objects of a node, between ``open`` and ``close``. ``error_type`` is the package's error for an abort,
     with the object's name."""
 
     def __init__(
         self,
-        loop: Loop,
+        network: CanNetwork,
         node_id: int,
         dictionary: canopen.ObjectDictionary,
         error_type: type[CanopenError] = CanopenError,
     ) -> None:
         self.error_type = error_type
-        self.loop = loop
+        self.loop = network.loop
         self.dictionary = dictionary
+        self._network = network
         self._node_id = node_id
-        self.node = canopen.RemoteNode(node_id, dictionary)
-        self._sdo = SdoClient(loop, node_id, dictionary)
         self.second_answers = SecondAnswers()
-        self._sdo.on_request = self.second_answers.requested
-        self._sdo.on_answer = self.second_answers.answered
-        self.node.sdo_channels[:] = [self._sdo]
-        self.node.sdo = self._sdo
+        self._timeout = _TIMEOUT_NS
+        """For each answer, in nanoseconds."""
         self._repeats = _REPEATS
         self.patient = False
         """Repeat accesses without an answer: nothing has to be monitored meanwhile."""
         self.accesses = 0
         """Number of reads and writes."""
+        self.aborts = 0
+        """Aborts that the node has sent."""
         self.longest_upload_ns = LONGEST_UPLOAD_NS
         """An upload that takes longer is aborted."""
+        self.answers_late = False
+        """The answer to the last request, which was aborted, has arrived. Those to another client do not count."""
+        self._transfer: Transfer | None = None
+        """The last one that was begun, of an access or of a question."""
+        self._then: Callable[[], None] | None = None
+        """Called at its end, if it is a question."""
+        self._ended = Event(self.loop)
+        """It has ended, or the last late answer has arrived."""
         self._open = 0
-        """Urgent requests that were sent and not answered: their answers may still come."""
+        """Requests that were sent again: so many answers may still arrive,"""
         self._open_until = 0
-        self._kept: deque[bytes] = deque(maxlen=1)
-        """The answer that came last before another access began: it may be that to ``ask``."""
-        self._unconfirmed: dict[bytes, bytes] = {}
-        """Data of writes that timed out, by their confirmation: it may still come."""
+        """until this time."""
+        self._unconfirmed: dict[tuple[int, int], bytes] = {}
+        """Data of writes that timed out, by their object: the confirmation may still arrive."""
+
+    def open(self) -> None:
+        """Receive the answers of the node."""
+        self._network.canopen.subscribe(SDO_RESPONSE + self._node_id, self._receive)
+
+    def close(self) -> None:
+        """The end of ``open``."""
+        self._network.canopen.unsubscribe(SDO_RESPONSE + self._node_id, self._receive)
 
     def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
         """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
-        self._sdo.RESPONSE_TIMEOUT = nanoseconds / SECOND
+        self._timeout = nanoseconds
         self._repeats = 0 if slow else _REPEATS
 
-    @property
-    def asked(self) -> int:
-        """Index of the object of the access that was begun last."""
-        return int.from_bytes(self._sdo.asked[:2], "little")
-
-    @property
-    def aborts(self) -> int:
-        """Accesses the node refused."""
-        return self._sdo.aborts
-
-    @property
-    def answers_late(self) -> bool:
-        """The answer to the last request, which was aborted, has arrived. Those to another client do not count."""
-        answers = self._sdo.responses
-        while not answers.empty():
-            if answers.get()[1:_EXPEDITED_SIZE] == self._sdo.asked:
-                return True
-        return False
+    # -- accesses of a task -----------------------------------------------------------------------------------------
 
     def read(self, index: int, subindex: int = 0) -> bytes:
-        """SDO upload, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
-
-        An answer that does not end is one of the latter: the task has to watch the node.
-        """
+        """SDO upload, in the node's task only; raises SdoAbortedError or SdoCommunicationError."""
         return self._repeat(lambda: self._read(index, subindex))
 
     def write_repeatedly(self, index: int, subindex: int, data: bytes) -> None:
@@ -136,64 +119,55 @@ class SdoAccess:
                 if self.loop.now() > deadline:
                     raise
                 log.debug("node %d: %s: sent again", self._node_id, error)
-                self._open += 1
-                self._open_until = self.loop.now() + int(self._sdo.RESPONSE_TIMEOUT * SECOND)
+                self._expect_answer()
         return access()
+
+    def _expect_answer(self) -> None:
+        """A request was sent that may be answered when another one is sent."""
+        self._open += 1
+        self._open_until = self.loop.now() + self._timeout
 
     def _read(self, index: int, subindex: int) -> bytes:
         self._settle()
-        self.accesses += 1
         declared = self.dictionary.get_variable(index, subindex)
         if declared is not None and declared.data_type == CanType.DOMAIN.code:
             try:
-                return self._upload(index, subindex, block=True)[0]
+                return self._upload(index, subindex, by_blocks=True)
             except SdoCommunicationError as error:
-                # A server may continue with a segmented transfer, which canopen's block transfer does not support.
                 log.debug("node %d: no block transfer: %s", self._node_id, error)
             except SdoAbortedError as error:
                 if error.code != Abort.INVALID_COMMAND:
                     raise
-        data, size = self._upload(index, subindex, block=False)
-        # Some devices send 32 bits for every number: use the type of the EDS.
-        if declared is not None and declared.fixed_size and (size is None or len(declared) // 8 < size):
-            data = data[: len(declared) // 8]
-        return data
+        return self._upload(index, subindex)
 
-    def _upload(self, index: int, subindex: int, *, block: bool) -> tuple[bytes, int | None]:
-        """The bytes of an upload and the size that the node announced."""
-        sdo = self._sdo
-        deadline = self.loop.now() + self.longest_upload_ns
-        data = b""
-        with sdo.open(index, subindex, "rb", buffering=0, block_transfer=block) as stream:
-            while segment := stream.read(SEGMENT_SIZE):
-                data += segment
-                if len(data) > _LONGEST_UPLOAD or self.loop.now() > deadline:
-                    sdo.abort()
-                    raise SdoCommunicationError(f"{index:04X}h/{subindex} is too long to be read")
-            return data, stream.size
+    def _upload(self, index: int, subindex: int, *, by_blocks: bool = False) -> bytes:
+        timeout, limit = self._timeout, self.longest_upload_ns
+        upload = Upload(index, subindex, timeout, by_blocks=by_blocks, limit=_LONGEST_UPLOAD, limit_ns=limit)
+        self._run(upload)
+        return self._value(upload)
+
+    def _value(self, upload: Upload) -> bytes:
+        """The data of an upload. Some devices send 32 bits for every number: in the length of the EDS."""
+        declared = self.dictionary.get_variable(upload.index, upload.subindex)
+        data = bytes(upload.sink.data)
+        return data if declared is None or not declared.fixed_size else data[: max(1, len(declared) // 8)]
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """SDO download, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
+        """SDO download, in the node's task only; raises SdoAbortedError or SdoCommunicationError.
 
-        The late answer to an aborted write does not confirm this one (canopen would accept it). If both are for the same object,
-        with other data, the object is read back.
+        The late answer to an aborted write of another object does not confirm this one. If both are for the same object, with
+        other data, the object is read back.
         """
         self._settle()
-        self.accesses += 1
-        sdo = self._sdo
-        if not 1 <= len(data) <= _EXPEDITED_SIZE:
-            sdo.download(index, subindex, data)
+        download = Download(index, subindex, data, self._timeout)
+        if not 1 <= len(data) <= EXPEDITED_SIZE:
+            self._run(download)
             return
-        address = SDO_STRUCT.pack(RESPONSE_DOWNLOAD, index, subindex)
+        address = index, subindex
         unconfirmed = self._unconfirmed.get(address)
         self._unconfirmed[address] = data
-        deadline = self.loop.now() + int(sdo.RESPONSE_TIMEOUT * SECOND)
         try:
-            answer = sdo.request_response(_download(index, subindex, data))
-            while answer[: len(address)] != address:
-                if self.loop.now() > deadline:
-                    raise SdoCommunicationError(f"no answer to the write of {index:04X}h/{subindex}")
-                answer = sdo.read_response()
+            self._run(download)
         except SdoAbortedError:
             del self._unconfirmed[address]
             raise
@@ -204,103 +178,120 @@ class SdoAccess:
             raise SdoCommunicationError(f"{index:04X}h/{subindex} is {found.hex()} after the write of {data.hex()}")
 
     def read_urgently(self, index: int, subindex: int = 0) -> int:
-        """An unsigned integer of 32 bits at most, as ``read_number``; a lost frame costs a tenth of the time for answers."""
+        """An unsigned integer, as ``read_number``; a lost frame costs a tenth of the time for answers.
+
+        ValueError if only frames other than SDO arrived.
+        """
+        upload = Upload(index, subindex, self._timeout)
         try:
-            request = SDO_STRUCT.pack(REQUEST_UPLOAD, index, subindex) + bytes(_EXPEDITED_SIZE)
-            answer = self._urge(request, self._sdo.send_request)
+            self._run(upload, self._repeats)
         except SdoAbortedError as error:
             raise self._unreadable(index, subindex, error) from error
-        if answer[0] & ~_OF_THE_SIZE != RESPONSE_UPLOAD | EXPEDITED:
-            return self.require(index, subindex)
-        unused = answer[0] >> 2 & 3 if answer[0] & SIZE_SPECIFIED else 0
-        return int.from_bytes(answer[_EXPEDITED_SIZE : _FRAME - unused], "little")
+        except SdoCommunicationError as error:
+            if upload.broken:
+                raise ValueError(upload.broken) from error
+            raise
+        return self.integer(upload)
 
     def write_urgently(self, index: int, subindex: int, data: bytes) -> None:
         """As ``write``, 1 to 4 bytes, before all that waits for the bus.
 
         A lost frame costs a tenth of the time for answers. The object takes the value twice then.
         """
-        answer = self._urge(_download(index, subindex, data), self._sdo.send_first)
-        if answer[0] != RESPONSE_DOWNLOAD:
-            raise SdoCommunicationError(f"no confirmation of the write of {index:04X}h/{subindex}")
-
-    def _urge(self, request: bytes, send: Callable[[bytes], object]) -> bytes:
-        """The answer to an expedited request that is repeated while none arrives; an abort is raised as canopen does.
-        ValueError if only frames other than SDO arrived."""
-        sdo = self._sdo
-        asked = request[1:_EXPEDITED_SIZE]
-        timeout = int(sdo.RESPONSE_TIMEOUT * SECOND)
-        begin = self.loop.now()
-        while not sdo.responses.empty():
-            self._next(begin)
-        broken = ""
-        for repeat in range(self._repeats, -1, -1):
-            send(request)
-            self._open += 1
-            self._open_until = self.loop.now() + timeout
-            deadline = self.loop.now() + timeout // _REPEAT_AFTER if repeat else begin + timeout
-            while (answer := self._next(deadline)) is not None:
-                if len(answer) != _FRAME:
-                    broken = f"{len(answer)} bytes, {_FRAME} expected"
-                    continue
-                told = answer[1:_EXPEDITED_SIZE]
-                if answer[0] == RESPONSE_ABORTED and told in (asked, UNNAMED):
-                    raise self._sdo.aborted(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))
-                if told == asked:
-                    return answer
-        self._open = 0
-        sdo.abort(Abort.TIMEOUT)
-        if broken:
-            raise ValueError(broken)
-        raise SdoCommunicationError(f"{self._sdo.where}: No SDO response received")
-
-    def _next(self, deadline: int) -> bytes | None:
-        """The next answer of the node until the deadline."""
-        try:
-            answer: bytes = self._sdo.responses.get(timeout=max(0, deadline - self.loop.now()) / SECOND)
-        except queue.Empty:
-            return None
-        self._open = max(0, self._open - 1)
-        return answer
+        self._run(Download(index, subindex, data, self._timeout), self._repeats, first=True)
 
     def _settle(self) -> None:
-        """A second answer to a repeated request must not count as the answer to the next one; that to ``ask`` is kept.
+        """Begin an access. A second answer to a repeated request, or that to a question, must not count as its answer.
 
         No access continues if two devices answer: their answers would be mixed.
         """
         if self.second_answers.found:
             raise self.two_devices("SDO requests are answered twice")
-        while self._open and (answer := self._next(self._open_until)) is not None:
-            self._kept.append(answer)
+        transfer, loop = self._transfer, self.loop
+        while True:
+            is_open = transfer is not None and not transfer.ended
+            until = transfer.due if transfer is not None and is_open else self._open_until if self._open else 0
+            if until <= loop.now():
+                break
+            self._ended.clear()
+            self._ended.wait(until - loop.now())
         self._open = 0
+        self.accesses += 1
 
-    def ask(self, index: int, subindex: int = 0) -> None:
-        """Send the request to read an object without waiting; ``answered`` has the answer later."""
-        now = self.loop.now()
-        self._kept.clear()
-        while not self._sdo.responses.empty():
-            self._next(now)
-        self._sdo.send_request(SDO_STRUCT.pack(REQUEST_UPLOAD, index, subindex) + bytes(_EXPEDITED_SIZE))
-        self._open += 1
-        self._open_until = now + int(self._sdo.RESPONSE_TIMEOUT * SECOND)
+    def _run(self, transfer: Transfer, repeats: int = 0, *, first: bool = False) -> None:
+        """Carry out a transfer. Its request is sent again ``repeats`` times; ``first``: before all that waits for the bus."""
+        loop = self.loop
+        self._begin(transfer, first=first)
+        again = loop.now() + self._timeout // _REPEAT_AFTER
+        while not transfer.ended:
+            now = loop.now()
+            if repeats and now >= again:
+                repeats -= 1
+                again = now + self._timeout // _REPEAT_AFTER
+                self._expect_answer()
+                self._request(transfer, first=first)
+            self._send(transfer.check(now))
+            if not transfer.ended:
+                self._ended.clear()
+                self._ended.wait((min(transfer.due, again) if repeats else transfer.due) - now)
+        if transfer.code is not None:
+            raise SdoAbortedError(transfer.code, self._where(transfer))
+        if transfer.failure:
+            self._open = 0
+            raise SdoCommunicationError(self._where(transfer) + transfer.failure)
 
-    def answered(self, index: int, subindex: int = 0, *, signed: bool = False) -> int | None:
-        """The integer requested by ``ask``; None while no answer has arrived. An abort is raised as canopen does."""
-        asked = SDO_STRUCT.pack(0, index, subindex)[1:]
-        while self._kept or not self._sdo.responses.empty():
-            answer = self._kept.pop() if self._kept else self._next(self.loop.now())
-            if answer is None or len(answer) != _FRAME or answer[1:_EXPEDITED_SIZE] not in (asked, UNNAMED):
-                continue
-            if answer[0] == RESPONSE_ABORTED:
-                raise self._sdo.aborted(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))
-            if answer[0] & ~_OF_THE_SIZE == RESPONSE_UPLOAD | EXPEDITED:
-                unused = answer[0] >> 2 & 3 if answer[0] & SIZE_SPECIFIED else 0
-                data = answer[_EXPEDITED_SIZE : _FRAME - unused]
-                declared = self.dictionary.get_variable(index, subindex)
-                if declared is not None and declared.fixed_size:
-                    data = data[: max(1, len(declared) // 8)]
-                return int.from_bytes(data, "little", signed=signed)
-        return None
+    # -- frames -----------------------------------------------------------------------------------------------------
+
+    def _begin(self, transfer: Transfer, *, first: bool = False) -> None:
+        self._transfer, self._then, self.answers_late = transfer, None, False
+        transfer.begin(self.loop.now())
+        self._request(transfer, first=first)
+
+    def _request(self, transfer: Transfer, *, first: bool) -> None:
+        self.second_answers.requested(transfer.request)
+        if first:
+            self._network.send_first(SDO_REQUEST + self._node_id, transfer.request)
+        else:
+            self._send([transfer.request])
+
+    def _send(self, frames: list[bytes]) -> None:
+        for frame in frames:
+            self._network.send_acyclic(SDO_REQUEST + self._node_id, frame)
+
+    def _receive(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
+        """A frame of the node."""
+        frame, transfer = bytes(data), self._transfer
+        if frame and frame[0] == ABORT:
+            self.aborts += 1
+        self.second_answers.answered(frame)
+        if transfer is None:
+            return
+        if transfer.ended:
+            self.answers_late = self.answers_late or frame[ADDRESS] == transfer.address
+            self._open = max(0, self._open - 1)
+        else:
+            self._send(transfer.take(frame, self.loop.now()))
+            if transfer.ended and self._then is not None:
+                self._then()
+        if transfer.ended:
+            self._ended.set()
+
+    def ask(self, index: int, subindex: int, then: Callable[[Upload], None]) -> None:
+        """Request an object without waiting, while no task has an access. ``then`` is called with the answer."""
+        upload = Upload(index, subindex, self._timeout)
+        self._begin(upload)
+        self._then = lambda: then(upload)
+
+    @property
+    def asked(self) -> int:
+        """Index of the object of the access that was begun last."""
+        return self._transfer.index if self._transfer is not None else 0
+
+    # -- numbers ----------------------------------------------------------------------------------------------------
+
+    def integer(self, upload: Upload, *, signed: bool = False) -> int:
+        """The integer that was read."""
+        return int.from_bytes(self._value(upload), "little", signed=signed)
 
     def read_number(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
         """An integer object, in the node's task only."""
@@ -320,6 +311,9 @@ class SdoAccess:
             f"two devices? {sign}",
             f"one device with node-ID {self._node_id} on the bus: disconnect the other one, or set another node-ID there",
         )
+
+    def _where(self, transfer: Transfer) -> str:
+        return f"node {self._node_id} object {transfer.index:04X}h/{transfer.subindex}"
 
     def _unreadable(self, index: int, subindex: int, error: SdoAbortedError) -> CanopenError:
         return self.error_type(

@@ -125,7 +125,7 @@ class DriveClient(NodeClient[DriveSettings]):
         network.on_drop.append(self.rpdos.send_again)
         self._mapping = DriveMapping(sdo.read_number)
         self._tpdos = TpdoCheck(sdo, self._mapping)
-        self.units = UnitCheck(sdo, feedback, self._units_changed)
+        self.units = UnitCheck(sdo, feedback, lambda: self._acyclic_read, self._units_changed)
         """Reads its units, and its position if no TPDO contains it."""
         self.own_values = OwnValueKeeper(self._read_if_present, sdo.write, self._notify)
         """The drive's values of limits and ramps that the gateway overwrites."""
@@ -133,6 +133,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self.write_for_client = self._write_for_client
         self._positions_by_sync = False
         """The drive gets a position for each SYNC, no setpoint of its own."""
+        self._units_wrong = False
+        """Another tool has changed the units: they are read again."""
         self._is_off = False
         """The drive was without power when it was found."""
 
@@ -201,6 +203,12 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _units_changed(self, text: str) -> None:
         self._notify("units", text)
+        self._units_wrong = True
+        self._wake.set()
+
+    def _read_units(self) -> None:
+        """Another tool has changed the units."""
+        self._units_wrong = False
         try:
             self.learn()
         except Exception:
@@ -438,8 +446,10 @@ class DriveClient(NodeClient[DriveSettings]):
         self.rpdos.write(self.sdo.write, now)
         self._mode.check(now)
         super()._exchange_acyclic(now)
+        if self._units_wrong:
+            self._read_units()
         if self.units.watch.is_due(now, operates=self._operates, moves=self._moves):
-            self.units.check(now, acyclic_read=self._acyclic_read)
+            self.units.check(now)
         if self._operates and self.units.watch.asked is None:
             # Not earlier: while waiting for an answer, a loss of the drive would be reported late.
             self._tpdos.check(now, self._timeout_ns)

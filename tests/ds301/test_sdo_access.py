@@ -6,17 +6,17 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import TypeVar
 
-import can
 import pytest
 from canopen.objectdictionary import ODVariable
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.bus.port import Receiver
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError, Upload
 from pdgw.durations import MS
 from tests.support.gateways import site
 
@@ -28,7 +28,7 @@ CONFIRMATION = WRITTEN + ADDRESS + bytes(4)
 TIMEOUT_NS = 100 * MS
 
 
-class Site:
+class Site(Receiver):
     """A client, and a node whose answers to a request are those of ``script``."""
 
     def __init__(self, network: CanNetwork) -> None:
@@ -37,13 +37,12 @@ class Site:
         self.script: Callable[[bytes], list[bytes]] = lambda _: []
         self.client = Inquiry(network, NODE, TIMEOUT_NS / 1e9)
         self._port = site.other()
-        network.listeners.append(self._requested)
+        self._port.start(self)
 
-    def _requested(self, message: can.Message) -> None:
-        if not message.is_rx and message.arbitration_id == 0x600 + NODE:
-            request = bytes(message.data)
-            self.requests.append(request)
-            self.send(*self.script(request))
+    def on_frame(self, can_id: int, data: bytes) -> None:
+        if can_id == 0x600 + NODE:
+            self.requests.append(data)
+            self.send(*self.script(data))
 
     def send(self, *answers: bytes) -> None:
         for answer in answers:
@@ -199,6 +198,7 @@ def test_endless_upload_is_aborted(desk: Site) -> None:
     desk.script = segments
     with pytest.raises(SdoCommunicationError, match="6083h/0 is too long to be read"):
         desk.read()
+    site.play(MS)
     assert desk.requests[-1][:1] == ABORTED
     desk.script = lambda _: [VALUE + ADDRESS + b"\x05\0\0\0"]
     assert desk.read() == b"\x05\0\0\0"
@@ -208,6 +208,7 @@ def test_wrong_toggle_bit_aborts_the_upload(desk: Site) -> None:
     desk.script = lambda request: [b"\0" + frame[1:] if frame[0] == 0x10 else frame for frame in segments(request)]
     with pytest.raises(SdoCommunicationError):
         desk.read()
+    site.play(MS)
     assert desk.requests[-1][4:] == Abort.TOGGLE_NOT_ALTERNATED.to_bytes(4, "little")
 
 
@@ -235,7 +236,20 @@ def test_question_is_answered_without_a_task(desk: Site) -> None:
     """And an access that follows it waits for its answer."""
     desk.network.loop.call_later(20 * MS, lambda: desk.send(VALUE + ADDRESS + b"\xff\xff\xff\xff"))
     desk.script = lambda request: [VALUE + OTHER + bytes(4)] if request[1:4] == OTHER else []
-    desk.client.ask(INDEX)
+    found: list[int] = []
+    desk.client.ask(INDEX, 0, lambda upload: found.append(desk.client.integer(upload, signed=True)))
     assert desk.read(0x6084) == bytes(4)
     assert [request[1:4] for request in desk.requests] == [ADDRESS, OTHER]
-    assert desk.client.answered(INDEX, signed=True) == -1
+    assert found == [-1]
+
+
+def test_question_without_an_answer_delays_an_access_by_one_timeout(desk: Site) -> None:
+    found: list[Upload] = []
+    desk.client.ask(INDEX, 0, found.append)
+    desk.script = lambda request: [VALUE + OTHER + bytes(4)] if request[1:4] == OTHER else []
+    begin = site.now()
+    assert desk.read(0x6084) == bytes(4)
+    assert TIMEOUT_NS <= site.now() - begin < 2 * TIMEOUT_NS
+    desk.send(VALUE + ADDRESS + bytes(4))
+    site.play(MS)
+    assert found == []

@@ -71,9 +71,9 @@ def test_sdo_requests_keep_their_gap_and_an_urgent_one_does_not_wait() -> None:
     begin = world.loop.now()
     world.bus("a").taps.append(lambda now, _member, can_id, _data: seen.append(((now - begin) // MS, can_id)))
     for node_id in range(1, 6):
-        network.canopen.send_message(SDO_REQUEST + node_id, bytes(8))
-        network.canopen.send_message(SDO_REQUEST + node_id, bytes(8))
-    network.canopen.send_first(SDO_REQUEST + 9, bytes(8))
+        network.send_acyclic(SDO_REQUEST + node_id, bytes(8))
+        network.send_acyclic(SDO_REQUEST + node_id, bytes(8))
+    network.send_first(SDO_REQUEST + 9, bytes(8))
     world.loop.run_for(SECOND)
     repeated, once = [(0, 0x601), (0, 0x609), (1, 0x601)], [(2, 0x602), (3, 0x603), (4, 0x604), (5, 0x605)]
     assert seen == repeated + once, "a request that still waits is not sent twice"

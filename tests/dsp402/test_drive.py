@@ -8,6 +8,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from canopen.objectdictionary import ODVariable
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.bus import open_bus
@@ -16,7 +17,7 @@ from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.ds301.objects import Entry
+from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus, load_eds
@@ -409,6 +410,21 @@ def test_no_rpdo_is_sent_after_own_values_are_written_back_even_if_a_client_stor
     before = plant.network.sent
     client.send(command, site.now() + SECOND)
     assert plant.network.sent == before
+
+
+def test_domain_of_the_drive_is_read_by_blocks(plant: Plant) -> None:
+    drive = plant.power_on()
+    drive.node.entries[0x2100, 0] = Entry(0x2100, 0, "Trace", CanType.DOMAIN)
+    drive.node.values[0x2100, 0] = bytes(range(200))
+    client = plant.connect()
+    plant.online()
+    variable = ODVariable("Trace", 0x2100, 0)
+    variable.data_type = CanType.DOMAIN.code
+    client.sdo.dictionary.add_object(variable)
+    frames: list[bytes] = []
+    plant.network.tap = lambda can_id, data, _sent, _now: frames.append(data) if can_id == 0x600 + NODE else None
+    assert site.result(client.submit(lambda drive: drive.sdo.read(0x2100))) == bytes(range(200))
+    assert [frame[0] & 0xE0 for frame in frames[-4:]] == [0xA0] * 4
 
 
 def test_number_has_the_length_of_the_eds(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:

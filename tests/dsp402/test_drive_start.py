@@ -13,7 +13,7 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Access, CanType, Entry
-from pdgw.ds301.sdo_transfer import SdoAbortedError
+from pdgw.ds301.sdo_transfer import ABORT, SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
@@ -345,7 +345,11 @@ def test_a_drive_that_ends_to_answer_is_asked_a_limited_time(plant: Plant) -> No
     asked: list[int] = []
 
     def observe_request(message: can.Message) -> None:
-        if message.arbitration_id == 0x600 + NODE and bytes(message.data[1:3]) == b"\x16\x10":
+        if (
+            message.arbitration_id == 0x600 + NODE
+            and message.data[0] != ABORT
+            and bytes(message.data[1:3]) == b"\x16\x10"
+        ):
             asked.append(site.now())
 
     plant.network.listeners.append(observe_request)

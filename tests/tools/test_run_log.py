@@ -257,8 +257,6 @@ def test_storms_of_emcy_lss_and_sdo_answers_fill_no_canopen_queue() -> None:
             network.notify(EMCY + 1, bytearray(data), 0.0)
             network.notify(0x7E4, bytearray(8), 0.0)
             network.notify(0x581, bytearray(8), 0.0)
-        assert node.sdo.node.emcy.log == []
-        assert node.sdo.node.emcy.active == []
         assert network.lss.responses.qsize() == 0
         assert len(daemon.axes[0].faults) <= 64
         assert world_of(daemon) is daemon.platform
