@@ -130,6 +130,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._booted = Event(self.loop)
         self._wake = Event(self.loop)
         """Something for the node's task: a job, a loss, another layout."""
+        self._idle = False
+        """The task waits for something to do, and has no access."""
         self._reconfigure = False
         self._held = ""
         """Empty, or what is done in a job to what the gateway relies on."""
@@ -607,6 +609,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """Every 20 ms, outside the task, which costs more: it is woken when there is something for it."""
         if self._has_work(now):
             self._wake.set()
+        elif self._idle:
+            self._send_question(now)
 
     def _has_work(self, now: int) -> bool:
         """Whether the time has come for something of the task."""
@@ -614,10 +618,15 @@ class NodeClient(abc.ABC, Generic[S]):
             return True
         return self._lost(now) != ""
 
+    def _send_question(self, now: int) -> None:
+        """Begin to read an object without the task, which has no access now."""
+
     def _care(self) -> None:
         failure = ""
         while True:
+            self._idle = True
             self._wake.wait()
+            self._idle = False
             self._wake.clear()
             if self._jobs:
                 self._jobs.run_next()

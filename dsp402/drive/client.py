@@ -133,8 +133,6 @@ class DriveClient(NodeClient[DriveSettings]):
         self.write_for_client = self._write_for_client
         self._positions_by_sync = False
         """The drive gets a position for each SYNC, no setpoint of its own."""
-        self._units_wrong = False
-        """Another tool has changed the units: they are read again."""
         self._is_off = False
         """The drive was without power when it was found."""
 
@@ -203,12 +201,11 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _units_changed(self, text: str) -> None:
         self._notify("units", text)
-        self._units_wrong = True
         self._wake.set()
 
     def _read_units(self) -> None:
         """Another tool has changed the units."""
-        self._units_wrong = False
+        self.units.watch.changed = False
         try:
             self.learn()
         except Exception:
@@ -433,10 +430,14 @@ class DriveClient(NodeClient[DriveSettings]):
         return self.rpdos.motion_asked or (self._positions_by_sync and self._operates)
 
     def _has_work(self, now: int) -> bool:
-        moves = self._moves
         if self.rpdos.written or self._mode.awaited is not None or (self._operates and self._tpdos.is_due(now)):
             return True
-        return self.units.watch.is_due(now, operates=self._operates, moves=moves) or super()._has_work(now)
+        return super()._has_work(now)
+
+    def _send_question(self, now: int) -> None:
+        """Of the unit check."""
+        if self.units.watch.is_due(now, operates=self._operates, moves=self._moves):
+            self.units.check(now)
 
     def _lost(self, now: int) -> str:
         return super()._lost(now) or self._mode.wrong or self._tpdos.dropped
@@ -446,10 +447,9 @@ class DriveClient(NodeClient[DriveSettings]):
         self.rpdos.write(self.sdo.write, now)
         self._mode.check(now)
         super()._exchange_acyclic(now)
-        if self._units_wrong:
+        if self.units.watch.changed:
             self._read_units()
-        if self.units.watch.is_due(now, operates=self._operates, moves=self._moves):
-            self.units.check(now)
+        self._send_question(now)
         if self._operates and self.units.watch.asked is None:
             # Not earlier: while waiting for an answer, a loss of the drive would be reported late.
             self._tpdos.check(now, self._timeout_ns)

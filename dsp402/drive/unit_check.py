@@ -72,7 +72,7 @@ class UnitCheck:
         if address != watch.asked:
             return
         watch.asked = None
-        if upload.code is None:
+        if upload.sink.complete:
             self._take(
                 address, self._sdo.integer(upload, signed=address == _POSITION or signed(self._sdo.dictionary, address))
             )
@@ -89,5 +89,6 @@ class UnitCheck:
                 self._feedback.position_actual, watch.read_ns = value, watch.asked_ns
             return
         if value != (last := watch.last_values[address]):
+            watch.changed = True
             name = f"{address[0]:04X}h" + (f"/{address[1]}" if address[1] else "")
             self._changed(f"{name} was {last:X}h and is {value:X}h now: another tool has changed the units")

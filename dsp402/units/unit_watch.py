@@ -55,6 +55,8 @@ class UnitWatch:
         """Pending request,"""
         self.asked_ns = 0
         """and when."""
+        self.changed = False
+        """An object has another value than before: all of them must be read again."""
         self._begun = self._due = 0
         self._positions = 0
 

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 import pytest
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.connection_set import SDO_REQUEST
+from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
@@ -123,6 +125,28 @@ def test_factor_that_could_not_be_read_for_a_moment_is_still_watched(monkeypatch
         drive.do(lambda node: node.values.__setitem__((0x604B, 1), 10))
         plc.until(lambda: daemon.axes[0].faults, "the fault")
         assert "604Bh/1 was 1h and is Ah now" in daemon.axes[0].faults[0].text
+
+
+def test_no_unit_is_read_during_a_job() -> None:
+    """It could be read between two accesses of the job, which may change it."""
+    with turning_in_velocity_mode() as (daemon, _drive, plc):
+        requests: list[bytes] = []
+
+        def listen(can_id: int, data: bytes, sent: int, _now: int) -> None:
+            if sent and can_id == SDO_REQUEST + 1:
+                requests.append(data)
+
+        (network,) = daemon.networks.values()
+        network.tap = listen
+        release = Event(daemon.loop)
+        daemon.axes[0].drive.submit(lambda _: release.wait())
+        plc.exchange()
+        requests.clear()
+        _for_a_second(plc)
+        assert requests == []
+        release.set()
+        _for_a_second(plc)
+        assert len(requests) >= 5
 
 
 def test_units_that_could_not_be_read_again_are_read_before_the_next_start() -> None:
