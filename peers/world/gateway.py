@@ -8,11 +8,10 @@ from typing import Any
 
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
-from pdgw.peers.world.plc import Plc
+from pdgw.peers.world.plc import NOT_CONFIGURED, Plc, place_of
 from pdgw.peers.world.world import World
 
 
@@ -47,14 +46,12 @@ class Gateway:
 
         GatewayError without such a device.
         """
-        for item in self.daemon.config.objects:
-            if item.do_id == do_id and item.simulate:
-                bus = self.daemon.config.bus_of(item).name
-                device = self.world.simulations[bus].device(item.node_id)
-                assert isinstance(device, SimulatedDrive | SimulatedEncoder)
-                return device
-        known = [item.do_id for item in self.daemon.config.objects if item.simulate]
-        raise GatewayError(f"do_id = {do_id}: no simulated device, allowed: {known}")
+        config = self.daemon.config
+        simulated = [item for item in config.objects if item.simulate]
+        item = simulated[place_of(do_id, simulated, "no simulated device")]
+        device = self.world.simulations[config.bus_of(item).name].device(item.node_id)
+        assert isinstance(device, SimulatedDrive | SimulatedEncoder)
+        return device
 
     def status(self) -> dict[str, Any]:
         """The document of ``pdgw status --json`` (docs/operation.md)."""
@@ -62,8 +59,5 @@ class Gateway:
 
     def sentence(self, do_id: int) -> str:
         """Why an axis or encoder does not move, as in ``pdgw status``. GatewayError for an unknown DO-ID."""
-        document = self.status()
-        for item in (*document["axes"], *document["encoders"]):
-            if item["do_id"] == do_id:
-                return str(item["sentence"])
-        raise GatewayError(f"do_id = {do_id}: not in the configuration")
+        objects = self.daemon.objects
+        return objects[place_of(do_id, self.daemon.config.objects, NOT_CONFIGURED)].enable_status.sentence

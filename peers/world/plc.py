@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
@@ -14,6 +15,18 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.peers.world.world import World
 from pdgw.profidrive.telegrams import telegram
+
+NOT_CONFIGURED: Final = "not in the configuration"
+
+
+def place_of(do_id: int | None, objects: Sequence[AxisConfig | EncoderConfig], what: str) -> int:
+    """The place of a drive object among these; None is the first one. GatewayError with ``what`` they are if it is not there."""
+    known = [item.do_id for item in objects]
+    if do_id is None:
+        return 0
+    if do_id not in known:
+        raise GatewayError(f"do_id = {do_id}: {what}, allowed: {known}")
+    return known.index(do_id)
 
 
 class Plc:
@@ -80,12 +93,7 @@ class Plc:
         return None if values is None else values[name]
 
     def _index(self, do_id: int | None) -> int:
-        known = [item.do_id for item in self._gateway.config.objects]
-        if do_id is None:
-            return 0
-        if do_id not in known:
-            raise GatewayError(f"do_id = {do_id}: not in the configuration, allowed: {known}")
-        return known.index(do_id)
+        return place_of(do_id, self._gateway.config.objects, NOT_CONFIGURED)
 
     def _cycle(self) -> None:
         now = self._world.loop.now()

@@ -51,7 +51,7 @@ def test_errors_name_what_is_allowed(gateway: pdgw.Gateway, plc: pdgw.Plc) -> No
     for wrong, text in (
         (lambda: plc.exchange(0, 5), r"do_id = 5: not in the configuration, allowed: \[4, 7, 9\]"),
         (lambda: gateway.device(5), r"do_id = 5: no simulated device, allowed: \[4, 7, 9\]"),
-        (lambda: gateway.sentence(5), "do_id = 5: not in the configuration"),
+        (lambda: gateway.sentence(5), r"do_id = 5: not in the configuration, allowed: \[4, 7, 9\]"),
         (lambda: plc.run(1, speeed="5 rpm"), "speeed"),
         (lambda: plc.run(1, 7, mdi={"to": 5}), "mdi"),
     ):
