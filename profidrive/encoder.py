@@ -74,7 +74,7 @@ class SensorError(enum.IntEnum):
     SYNCHRONISATION = 0x0F04
 
 
-SENSOR_ERROR_TEXTS: MappingProxyType[SensorError, str] = MappingProxyType(
+SENSOR_ERROR_TEXTS: MappingProxyType[int, str] = MappingProxyType(
     {
         SensorError.SENSOR_GROUP: "the position is wrong or missing",
         SensorError.REFERENCE_ABORTED: "the device does not carry out the reference mark search",

@@ -1,4 +1,4 @@
-"""Values of a telegram as text, the same on every surface: status, page, PLC simulator. Trends use the same scale.
+"""Values of a telegram as text, the same on every surface: status, page, PLC simulator, decoder. Trends use the same scale.
 
 The form that the telegram carries decides, not the name: MDI_TARPOS is a fraction in telegram 9 and a number of length units in
 telegram 111.
@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from pdgw.profidrive.encoder import SensorError
+from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS
 from pdgw.profidrive.signals import Signal, SignalQuantity, signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 
 _SENSOR_ERROR = signal("G1_ZSW").bit("ERROR").mask
-_SENSOR_CODES = {int(error): error.name.lower().replace("_", " ") for error in SensorError}
 
 
 class Rated(NamedTuple):
@@ -57,9 +56,14 @@ def _text(half: TelegramHalf, item: Signal, values: Mapping[str, int], rated: Ra
         return " ".join((f"{raw:0{2 * item.type.size}X}h", *names))
     sensor, _, place = item.name.partition("_")
     if place == "XIST2" and values.get(f"{sensor}_ZSW", 0) & _SENSOR_ERROR:
-        return f"error {raw:04X}h ({_SENSOR_CODES.get(raw, 'unknown')})"
+        return f"error {raw:04X}h ({SENSOR_ERROR_TEXTS.get(raw, 'unknown')})"
+    return value_text(item, raw, rated)
+
+
+def value_text(item: Signal, raw: int, rated: Rated | None = None) -> str:
+    """Value and unit of a signal without bits. ``rated``: 100 % of a speed, None if unknown."""
     percent = item.percent(raw)
     if percent is None:
         return f"{item.value_of(raw):{'.7g' if item.is_float else 'd'}} {item.unit}".rstrip()
     factor, unit = scale(item, rated)
-    return f"{percent:.2f} %" + ("" if unit == "%" else f" = {raw * factor:.1f} {unit}")
+    return f"{percent:.3f} %" + ("" if unit == "%" else f" = {raw * factor:.1f} {unit}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from math import isfinite
 from typing import Any
 
@@ -15,7 +15,8 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp402.identification.overlay import all_families, modes_of, overlay
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
-from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.signal_text import scale, value_text
 from pdgw.profidrive.signals import Signal, float_of
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profidrive.words import Bit, unswapped
@@ -50,8 +51,9 @@ def identifier(name: str) -> str:
 class Field:
     """One value of a data unit.
 
-    ``convert`` makes a number in the unit of a raw value, and ``number`` is how it is printed; None where raw values are
-    shown as they are. ``explain`` gives a word for the value (the state of a Statusword), empty where it has none.
+    ``convert`` makes a number in the unit of a raw value, None where raw values are shown as they are. ``shown`` gives the text
+    of a telegram's number with its unit. ``explain`` gives a word for the value (the state of a Statusword), empty where it has
+    none.
     """
 
     name: str
@@ -59,7 +61,7 @@ class Field:
     unit: str = ""
     bits: tuple[Bit, ...] = ()
     convert: Callable[[int], float] | None = None
-    number: str = ".3f"
+    shown: Callable[[int], str] | None = None
     hex_digits: int = 0
     explain: Callable[[int], str] | None = None
     identifier: str = field(init=False)
@@ -75,8 +77,8 @@ class Field:
         """Name and value for the reader."""
         if isinstance(raw, bytes):
             return f"{self.name} {raw.hex(' ')}"
-        if self.convert and isinstance(raw, int):
-            return f"{self.name} {self.convert(raw):{self.number}} {self.unit}"
+        if self.shown and isinstance(raw, int):
+            return f"{self.name} {self.shown(raw)}"
         if self.hex_digits and isinstance(raw, int):
             word = self.explain(raw) if self.explain else ""
             return f"{self.name} {raw:0{self.hex_digits}X}h" + (f" [{word}]" if word else "")
@@ -158,26 +160,20 @@ def _words(families: tuple[str, ...]) -> _Words:
     }
 
 
-def _percent(full_scale: int) -> Callable[[int], float]:
-    scale = 100 / full_scale
-    return lambda raw: raw * scale
-
-
-_PERCENT = {DataType.N2: _percent(N2_100_PERCENT), DataType.N4: _percent(N4_100_PERCENT)}
-
-
 def signal_field(signal: Signal, mode: ApplicationMode) -> Field:
     """A telegram signal; the bits have the meaning of the telegram's application mode."""
     bits = tuple(signal.fields(positioning=mode is ApplicationMode.POSITIONING))
     word_bits, explain = _words(all_families()).get(signal.name, ((), None))
+    factor = scale(signal, None).factor
+    is_word = bits or word_bits or signal.type is DataType.V2
     return Field(
         signal.name,
         signal.description,
         signal.unit,
         bits or word_bits,
-        float_of if signal.is_float else _PERCENT.get(signal.type),
-        "g" if signal.is_float else ".3f",
-        2 * signal.type.size if bits or word_bits or signal.type is DataType.V2 else 0,
+        float_of if signal.is_float else None if factor == 1 else factor.__mul__,
+        None if is_word or explain else partial(value_text, signal),
+        2 * signal.type.size if is_word else 0,
         _control_word if signal.name == "STW1" else explain,
     )
 

@@ -23,6 +23,7 @@ from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
 from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS
+from pdgw.profidrive.signal_text import value_text
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.words import unswapped
 
@@ -351,7 +352,9 @@ def notes(axis: Axis) -> list[str]:
     for item, raw in zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False):
         percent = item.percent(raw) if item.quantity in _SPEEDS else None
         if percent is not None and abs(percent) > _FULL:
-            found.append(f"{item.name} is {percent:.2f} %: above 100 % the speed limits of the drive are in force")
+            found.append(
+                f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
+            )
     return found
 
 

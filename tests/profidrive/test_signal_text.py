@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SensorError
 from pdgw.profidrive.signal_text import Rated, scale, texts
 from pdgw.profidrive.signals import Signal, SignalQuantity
 from pdgw.profidrive.telegrams import TELEGRAMS, TelegramHalf, telegram
@@ -43,7 +44,7 @@ def test_every_value_of_every_telegram_has_its_own_unit(
         elif in_error(item, values):
             assert text.startswith(f"error {raw:04X}h (")
         elif item.type in {DataType.N2, DataType.N4}:
-            assert number_of(text) == pytest.approx(item.percent(raw), abs=0.006)
+            assert number_of(text) == pytest.approx(item.percent(raw), abs=0.0006)
             assert ("rpm" in text) == (rated is not None and item.quantity is SignalQuantity.SPEED)
         else:
             assert "%" not in text.removesuffix(item.unit)
@@ -70,10 +71,11 @@ def test_trends_have_the_unit_and_the_value_of_the_text(
 def test_positions_are_length_units_where_the_telegram_has_them() -> None:
     values = {"MDI_TARPOS": 50_000, "MDI_VELOCITY": 12_000}
     assert texts(telegram(111).setpoints, values) == {"MDI_TARPOS": "50000 LU", "MDI_VELOCITY": "12000 1000 LU/min"}
-    assert texts(telegram(9).setpoints, {"MDI_TARPOS": 0x2000_0000}) == {"MDI_TARPOS": "50.00 %"}
+    assert texts(telegram(9).setpoints, {"MDI_TARPOS": 0x2000_0000}) == {"MDI_TARPOS": "50.000 %"}
 
 
 def test_error_code_of_a_sensor_is_no_position() -> None:
     values = {"G1_ZSW": 0x8000, "G1_XIST2": 0x0F01}
-    assert texts(telegram(3).actuals, values)["G1_XIST2"] == "error 0F01h (command not supported)"
+    meaning = SENSOR_ERROR_TEXTS[SensorError.COMMAND_NOT_SUPPORTED]
+    assert texts(telegram(3).actuals, values)["G1_XIST2"] == f"error 0F01h ({meaning})"
     assert texts(telegram(3).actuals, values | {"G1_ZSW": 0x2000})["G1_XIST2"] == "3841 increments"

@@ -65,8 +65,8 @@ def test_values_are_shown_with_bits_and_percent(document: dict[str, Any]) -> Non
     )
     (line,) = [line for line in lines if "from PLC" in line and "STW1" in line]
     assert "STW1 043Fh ON NO_COAST_STOP" in line
-    assert "MDI_TARPOS 50.00 %" in line
-    assert "MDI_ACC 50.00 %" in line
+    assert "MDI_TARPOS 50.000 %" in line
+    assert "MDI_ACC 50.000 %" in line
 
 
 def test_position_is_in_the_unit_of_the_telegram() -> None:

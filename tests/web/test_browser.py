@@ -219,7 +219,7 @@ def test_axis_view_has_words_by_bits_and_a_live_trend(shown: Shown) -> None:
     tab = shown.open("#/axis/1")
     reads(tab, ".word", "STW1 047Fh")
     reads(tab, ".bits li.set", "ENABLE_OPERATION")
-    reads(tab, ".word", "NSOLL_A 2000h 50.00 % = 1500.0 rpm")
+    reads(tab, ".word", "NSOLL_A 2000h 50.000 % = 1500.0 rpm")
     tab.wait_for_selector("#main canvas")
     reads(tab, ".u-legend", "NIST_A (rpm)")
     reads(tab, ".u-series", "NSOLL_A (rpm)1500.0")

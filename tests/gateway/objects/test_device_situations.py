@@ -39,7 +39,7 @@ def test_first_line_names_the_cause_and_its_remedy_cures_it(situation: DeviceSit
     [
         (1, "", ON | 1 << 11, {}, "without effect in telegram 1: STW1.11 = 1; a negative setpoint turns backwards"),
         (1, "", ON | 1 << 13 | 1 << 15, {}, "sent to the drive as the same bits of the Controlword: STW1.13, STW1.15"),
-        (1, "", ON, {"NSOLL_A": 0x7FFF}, "NSOLL_A is 199.99 %: above 100 %"),
+        (1, "", ON, {"NSOLL_A": 0x7FFF}, "NSOLL_A is 199.994 %: above 100 %"),
         (9, "", 0x053F, {"SATZANW": 0x8000}, "without effect in telegram 9: STW1.8 = 1"),
         (111, POSITIONER, 0x543F, {"OVERRIDE": 0x4000}, "without effect in telegram 111: STW1.12 = 1, STW1.14 = 1"),
         (1, "", ON, {"NSOLL_A": 0x4000}, ""),

@@ -35,7 +35,7 @@ from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
 from pdgw.profidrive.datatypes import UNVERIFIED, DataType
-from pdgw.profidrive.encoder import SENSOR_STATUS, TRANSITIONS, SensorError
+from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SENSOR_STATUS, TRANSITIONS
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.errors import ERROR_TEXTS
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
@@ -228,7 +228,7 @@ def generate() -> str:
         table(("state", "event", "next state"), ((s.value, e.value, n.value) for (s, e), n in TRANSITIONS.items())),
         table(("state", "G1_ZSW"), ((state.value, f"{bits:04X}h") for state, bits in SENSOR_STATUS.items())),
         "### Error codes in G1_XIST2\n",
-        table(("code", "error"), ((f"{error.value:04X}h", error.name) for error in SensorError)),
+        table(("code", "error"), ((f"{code:04X}h", text) for code, text in SENSOR_ERROR_TEXTS.items())),
         "## Modes of operation\n",
         table(("6060h", "mode"), (*FAMILY_MODES.items(), *((mode.value, mode.name) for mode in Mode))),
         "## Homing methods\n",
