@@ -577,6 +577,12 @@ class Reason(enum.Enum):
         _E.CONTROL,
         "the PLC's program must set STW1.10 = 1; OFF1, OFF2 and OFF3 stop the drive",
     )
+    ENCODER_FAULT = (
+        "the encoder is in fault (ZSW2_ENC.3 = 1)",
+        _S.FAULT,
+        _E.NO_FAULT,
+        "remove the cause; then acknowledge (STW2_ENC.7)",
+    )
 
 
 class Finding(NamedTuple):

@@ -36,7 +36,7 @@ _RELATIVE = _G1_STW.bit("PRESET_RELATIVE").mask
 _PRESET = _G1_STW.bit("PRESET").mask
 _ABSOLUTE = _G1_STW.bit("REQUEST_ABSOLUTE").mask
 _PARK = _G1_STW.bit("PARK").mask
-_ACKNOWLEDGE = _G1_STW.bit("ERROR_ACKNOWLEDGE").mask
+SENSOR_ACKNOWLEDGE = _G1_STW.bit("ERROR_ACKNOWLEDGE").mask
 _COMMAND = _G1_STW.bit("COMMAND").mask
 _ABSOLUTE_VALID = _G1_ZSW.bit("ABSOLUTE_VALID").mask
 _EVERYTHING = 0xFFFF
@@ -44,7 +44,7 @@ _EVERYTHING = 0xFFFF
 _STW2_ENC = signal("STW2_ENC")
 _ZSW2_ENC = signal("ZSW2_ENC")
 _CONTROL_BY_PLC = _STW2_ENC.bit("CONTROL_BY_PLC").mask
-_FAULT_ACKNOWLEDGE = _STW2_ENC.bit("FAULT_ACKNOWLEDGE").mask
+ENCODER_ACKNOWLEDGE = _STW2_ENC.bit("FAULT_ACKNOWLEDGE").mask
 _CONTROLLER_SIGN_OF_LIFE = _STW2_ENC.bit("SIGN_OF_LIFE")
 _FAULT = _ZSW2_ENC.bit("FAULT").mask
 _WARNING = _ZSW2_ENC.bit("WARNING").mask
@@ -197,6 +197,8 @@ class SensorInterface:
         self.preset_request: PresetRequest | None = None
         self.state = SensorState.NORMAL
         self.error: SensorError | None = None
+        self.in_vain = False
+        """The error was acknowledged while its cause was there, and the cause has not gone since then."""
         self.measuring: Measuring | None = None
         """State of a sensor that can latch positions; None: commands of G1_STW are not supported."""
         self._refused: Refusal | None = None
@@ -319,9 +321,9 @@ class SensorInterface:
         if word & _PARK and self.state is not SensorState.PARKED:
             self._parked_until = now + PARKED_NS
         self._transition(SensorEvent.PARK if word & _PARK or now < self._parked_until else SensorEvent.UNPARK)
-        if edges & _ACKNOWLEDGE:
-            self._transition(SensorEvent.ACKNOWLEDGE)
-        elif not word & _ACKNOWLEDGE:
+        acknowledged = edges & SENSOR_ACKNOWLEDGE and self._transition(SensorEvent.ACKNOWLEDGE)
+        self.in_vain = error is not None and bool(acknowledged or self.in_vain)
+        if not word & SENSOR_ACKNOWLEDGE:
             self._transition(SensorEvent.ACKNOWLEDGE_END)
         if error is not None:
             self._transition(SensorEvent.FAULT, error)
@@ -413,6 +415,8 @@ class EncoderControl:
         """STW2_ENC.10: accept the PLC's other words."""
         self.acknowledged = False
         """A rising edge of STW2_ENC.7 came in this cycle."""
+        self.in_vain = False
+        """As ``SensorInterface.in_vain``."""
         self._acknowledge_armed = False
 
     def step(self, word: int | None, *, fault: bool, warning: bool) -> int:
@@ -426,9 +430,10 @@ class EncoderControl:
         else:
             life = self.sign_of_life.step(_CONTROLLER_SIGN_OF_LIFE.of(word))
         self.has_control = word is not None and bool(word & _CONTROL_BY_PLC)
-        asked = self.has_control and word is not None and bool(word & _FAULT_ACKNOWLEDGE)
+        asked = self.has_control and word is not None and bool(word & ENCODER_ACKNOWLEDGE)
         self.acknowledged = asked and self._acknowledge_armed
         self._acknowledge_armed = self.has_control and not asked
+        self.in_vain = fault and (self.acknowledged or self.in_vain)
         if fault:
             self.fault = True
         elif self.acknowledged:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from pdgw.ds301.emcy import emcy_remedy
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
-from pdgw.dsp402.states import State, StatusBit, state_of
+from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.adapters.speed import DEVICE_BITS, SpeedAdapter
@@ -22,7 +22,7 @@ from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
-from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS
+from pdgw.profidrive.encoder import ENCODER_ACKNOWLEDGE, SENSOR_ACKNOWLEDGE, SENSOR_ERROR_TEXTS, SensorState
 from pdgw.profidrive.signal_text import value_text
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.words import unswapped
@@ -53,8 +53,6 @@ _STOPS: Final = {
 }
 """Stop commands of the PLC. Its OFF1 is first a ramp stop, which the phase shows."""
 _HELD: Final = (Reason.COAST_STOP, Reason.QUICK_STOP)
-_ACKNOWLEDGE: Final = 1 << 7
-"""STW1.7, and bit 7 of the Controlword: fault reset."""
 _ENABLES: Final = (1, 2, 3)
 """Bits of STW1 that must be 1 beside ON: no OFF2, no OFF3, enable operation."""
 _AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
@@ -169,16 +167,17 @@ class _Chain:
         if cause is None or not cause.record.of_device:
             self.breaks(reason, what, f"remove the cause; {acknowledge}")
             return
-        evidence = self._since(cause.record)
+        evidence = self.since(cause.record)
         remedy = f"{emcy_remedy(cause.record.code)}; {acknowledge}"
         self.breaks(reason, f"{what}: {evidence}" if what else evidence, remedy)
 
     def judge_on(self) -> None:
         """ON does not count: name what used it up, if that is not acknowledged."""
         cause, reason = self.item.cause, Reason.NEEDS_OFF
-        self.breaks(reason, "" if cause is None else f"{reason.value}, because of {self._since(cause.record)}")
+        self.breaks(reason, "" if cause is None else f"{reason.value}, because of {self.since(cause.record)}")
 
-    def _since(self, record: FaultRecord) -> str:
+    def since(self, record: FaultRecord) -> str:
+        """The text of a fault, and since when."""
         loop = self.item.client.loop
         since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
         return f"{record.text}, since {since:%H:%M:%S}"
@@ -320,22 +319,38 @@ def _control_word(axis: Axis) -> tuple[str, int]:
 def _acknowledge(axis: Axis) -> str:
     """What is missing for the acknowledge of a drive in fault."""
     machine, (name, word) = axis.machine, _control_word(axis)
-    bit = f"{name}.7"
-    edge = f"set {bit} to 0 and then to 1"
-    if machine.inputs.setpoints is not None and not machine.demand.in_control:
-        return f"{bit} has no effect while {name}.10 = 0: set {name}.10, then acknowledge ({bit})"
     if machine.acknowledgement.pending:
-        return f"the acknowledge ({bit}) is sent to the drive"
-    if axis.acknowledged_at > machine.fault_began:
+        return f"the acknowledge ({name}.7) is sent to the drive"
+    no_control = f"{name}.10" if machine.inputs.setpoints is not None and not machine.demand.in_control else ""
+    in_vain = axis.acknowledged_at > machine.fault_began
+    return _missing_acknowledge(f"{name}.7", no_control, is_set=word & ControlBit.FAULT_RESET != 0, in_vain=in_vain)
+
+
+def _acknowledge_encoder(encoder: EncoderObject) -> str:
+    """What is missing for the acknowledge of an encoder in fault: first of its sensor error, then of its fault."""
+    machine, sensor = encoder.machine, encoder.machine.channel.sensor
+    adapter, control = machine.adapter, machine.control
+    no_control = "STW2_ENC.10" if adapter.control is not None and not control.has_control else ""
+    if not machine.in_error:
+        is_set = (adapter.control or 0) & ENCODER_ACKNOWLEDGE != 0
+        return _missing_acknowledge("STW2_ENC.7", no_control, is_set=is_set, in_vain=control.in_vain)
+    is_set = (adapter.sensor or 0) & SENSOR_ACKNOWLEDGE != 0
+    if is_set and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
+        return "set G1_STW.15 to 0: this ends the acknowledge"
+    return _missing_acknowledge("G1_STW.15", no_control, is_set=is_set, in_vain=sensor.in_vain)
+
+
+def _missing_acknowledge(bit: str, no_control: str, *, is_set: bool, in_vain: bool) -> str:
+    """What is missing for an acknowledge by the edge of ``bit``.
+
+    ``no_control``: the bit of control by PLC if it is 0. ``in_vain``: an edge came while the cause was there.
+    """
+    edge = f"set {bit} to 0 and then to 1"
+    if no_control:
+        return f"{bit} has no effect while {no_control} = 0: set {no_control}, then acknowledge ({bit})"
+    if in_vain:
         return f"it was acknowledged, but the cause is still there: remove it, then {edge}"
-    return f"then acknowledge: it needs an edge, {edge}" if word & _ACKNOWLEDGE else f"then acknowledge ({bit})"
-
-
-def _acknowledge_sensor(encoder: EncoderObject) -> str:
-    """What is missing for the acknowledge of an encoder in fault."""
-    if encoder.machine.adapter.control is not None and not encoder.machine.control.has_control:
-        return "G1_STW.15 has no effect while STW2_ENC.10 = 0: set STW2_ENC.10, then acknowledge (G1_STW.15)"
-    return "then acknowledge (G1_STW.15)"
+    return f"then acknowledge: it needs an edge, {edge}" if is_set else f"then acknowledge ({bit})"
 
 
 def notes(axis: Axis) -> list[str]:
@@ -373,7 +388,11 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
         if machine.in_error:
             error = machine.channel.sensor.error
             what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
-            chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_sensor(encoder), what)
+            chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_encoder(encoder), what)
+        elif machine.control.fault:
+            cause = encoder.cause
+            lost = "" if cause is None or cause.record.of_device else chain.since(cause.record)
+            chain.judge_fault(Reason.ENCODER_FAULT, _acknowledge_encoder(encoder), lost)
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:

@@ -1,73 +1,45 @@
-"""What the first line reports when the PLC's frames or words are the cause; the remedy cures it."""
+"""Causes beside each other: the first line names the physical one, and a second PLC is a warning."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from pdgw.gateway.daemon import Daemon
+from pdgw.durations import MS
 from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_check import Health, check_line
-from pdgw.tools.output.status_text import cause_sentence, status_lines
-from tests.support.documents.plc_situations import (
-    CONTROLLER_SITUATIONS,
-    PLC_SITUATIONS,
-    ControllerSituation,
-    PlcSituation,
-    at_controller_situation,
-    at_plc_situation,
-)
-from tests.support.documents.situations import BREAKERS, settle
+from pdgw.tools.output.status_text import status_lines
+from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS
+from tests.support.documents.situation_table import BY_LINK
+from tests.support.documents.situations import BREAKERS, at_situation, settle
 from tests.support.gateways.daemon import Plc, axis, configuration, running
 
-_ASKED = 10
-"""Calls of ``--check`` that have the same result."""
+_SHORT_NS = 400 * MS
+"""By then a node is found to be lost."""
 
 
-def judge(daemon: Daemon, situation: PlcSituation | ControllerSituation) -> None:
-    document = snapshot(daemon)
-    line = cause_sentence(document["causes"][0])
-    assert [text for text in situation.says if text.lower() not in line.lower()] == [], line
-    assert [text for text in situation.lacks if text.lower() in line.lower()] == [], line
-    health, checked = check_line(document)
-    assert (health, line in checked) == (situation.health, True), checked
-
-
-@pytest.mark.parametrize("situation", PLC_SITUATIONS.values(), ids=PLC_SITUATIONS.keys())
-def test_first_line_names_what_the_plc_sends_and_its_remedy_cures_it(situation: PlcSituation) -> None:
-    with at_plc_situation(situation) as (daemon, plc):
-        for _ in range(_ASKED):
-            plc.exchange()
-            judge(daemon, situation)
-        situation.cure(plc, daemon)
-        settle(plc)
-        plc.until(lambda: daemon.axes[0].enable_status.state is AxisState.OBEYS, "in operation")
-
-
-@pytest.mark.parametrize("situation", CONTROLLER_SITUATIONS.values(), ids=CONTROLLER_SITUATIONS.keys())
-def test_first_line_names_what_the_controller_does_and_its_remedy_cures_it(
-    situation: ControllerSituation, tmp_path: Path
-) -> None:
-    with at_controller_situation(situation, tmp_path / "store.json") as site:
-        judge(site.daemon, situation)
-        situation.cure(site)
-        site.enable()
-        assert site.daemon.axes[0].enable_status.state is AxisState.OBEYS
-
-
-@pytest.mark.parametrize("title", [title for title, item in PLC_SITUATIONS.items() if "EMCY" not in item.says])
-def test_a_drive_without_power_is_named_before_the_frames_of_the_plc(title: str) -> None:
-    """Both are in the chain: the page and the axis view show the second one beside the first."""
-    situation = PLC_SITUATIONS[title]
-    with at_plc_situation(situation) as (daemon, plc):
-        BREAKERS[Enable.NODE](plc, daemon)
-        settle(plc)
-        chain = {link.enable: link for link in daemon.axes[0].enable_status.chain}
-        assert daemon.axes[0].enable_status.broken == chain[Enable.NODE]
-        text = f"{chain[Enable.PLC].evidence}. {chain[Enable.PLC].remedy}"
-        assert [part for part in situation.says if part.lower() not in text.lower()] == [], text
+@pytest.mark.parametrize(
+    ("link", "title"),
+    [*(("udp", title) for title in BY_LINK["udp"]), *(("profinet", title) for title in CONTROLLER_SITUATIONS)],
+)
+def test_a_physical_cause_is_named_before_each_other_one(link: str, title: str) -> None:
+    """Each one comes beside all before it: the sentence names the first link of the chain."""
+    with at_situation(BY_LINK[link][title], link) as (daemon, plc):
+        item = daemon.objects[0]
+        own = item.enable_status.broken
+        assert own is not None
+        chain = [known.enable for known in item.enable_status.chain]
+        first = chain.index(own.enable)
+        for enable in (Enable.NO_FAULT, Enable.SUPPLY, Enable.NODE, Enable.BUS):
+            if enable in chain:
+                BREAKERS[enable](plc, daemon)
+                settle(plc, _SHORT_NS)
+                first = min(first, chain.index(enable))
+                broken = item.enable_status.broken
+                assert broken is not None
+                assert broken.enable is chain[first], item.enable_status.sentence
+        if own.enable is Enable.PLC:
+            assert own in item.enable_status.chain, "the page shows it beside the first one"
 
 
 def test_a_second_plc_is_a_warning_beside_the_first_one() -> None:

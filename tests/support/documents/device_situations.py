@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from pdgw.ds301.communication import EMCY_COB_ID
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.node.node import SimulatedNode
+from pdgw.profidrive.signals import signal
 from pdgw.tools.output.status_check import Health
-from tests.support.documents.situations import settle
-from tests.support.gateways.daemon import (
-    OFF,
-    ON,
-    SIMULATED_POSITIONER,
-    Plc,
-    axis,
-    configuration,
-    drive_of,
-    encoder_of,
-    running,
-)
+from tests.support.documents.situations import Situation, acknowledge, both, online, send, words
+from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, drive_of, encoder_of
 
-Step = Callable[[Plc, Daemon], None]
 Frame = tuple[int, bytes]
 _ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
 _POSITIONER = axis(1, telegram_number=111, more=SIMULATED_POSITIONER)
@@ -36,7 +24,6 @@ _TASK = (
     (0x043E, {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x2000, "MDI_DEC": 0x2000}),
     (0x043F, {}),
 )
-_SOME_FRAMES = 100
 _VENDOR = 0x406
 """Vendor-ID of the simulated encoder."""
 _MOVED = 0xC1
@@ -45,23 +32,10 @@ _OVERCURRENT = ("Fault: EMCY 2310h over-current", "then acknowledge (STW1.7)")
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceSituation:
-    """A situation, and how to get there from an axis in operation."""
+class DeviceSituation(Situation):
+    """A situation whose cause is the device, or its use by the PLC's program."""
 
-    begin: Step = lambda _, __: None
-    says: tuple[str, ...]
-    """Words that the first line contains."""
     lacks: tuple[str, ...] = ("check power", "being configured")
-    """Words that it does not contain."""
-    health: Health = Health.CRITICAL
-    cure: Step
-    """Follow the remedy."""
-    tables: str = axis(1)
-    telegram: int = 1
-    spoil: Callable[[Daemon], None] | None = None
-    """Before the gateway starts."""
-    is_refused: bool = False
-    """The axis is not in operation before: the gateway rejects the device."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -94,11 +68,10 @@ def spoil(**what: object) -> Callable[[Daemon], None]:
     return begin
 
 
-def good(plc: Plc, daemon: Daemon) -> None:
-    """Another device, or its firmware: it sends what it should. The PLC switches on again."""
+def behave(plc: Plc, daemon: Daemon) -> None:
+    """Another device, or its firmware: it sends what it should."""
     drive_of(daemon).node.behave()
-    plc.until(lambda: daemon.axes[0].good, "online")
-    plc.enable()
+    online(plc, daemon)
 
 
 def _short(node: SimulatedNode, can_id: int, data: bytes) -> Frame:
@@ -108,26 +81,6 @@ def _short(node: SimulatedNode, can_id: int, data: bytes) -> Frame:
 
 def _ignores_start(can_id: int, data: bytes) -> bool:
     return can_id == 0 and data[0] == NmtCommand.START
-
-
-def _words(*frames: tuple[int, dict[str, int]]) -> Step:
-    """The PLC sends STW1 and other words for a time each."""
-
-    def begin(plc: Plc, _: Daemon) -> None:
-        for word, others in frames:
-            plc.endpoint.set(0, {"STW1": word} | others)
-            for _ in range(_SOME_FRAMES):
-                plc.exchange()
-
-    return begin
-
-
-def _both(*steps: Step) -> Step:
-    def begin(plc: Plc, daemon: Daemon) -> None:
-        for step in steps:
-            step(plc, daemon)
-
-    return begin
 
 
 def _limit_switch(_: Plc, daemon: Daemon, positive: int = 1) -> None:
@@ -146,11 +99,28 @@ def _sensor_error(plc: Plc, daemon: Daemon) -> None:
     plc.exchange()
 
 
-def _sound_sensor(plc: Plc, _: Daemon) -> None:
-    for word in (0, 0x8000, 0):
-        plc.endpoint.set(0, {"G1_STW": word})
-        for _ in range(_SOME_FRAMES):
-            plc.exchange()
+def _alarm(_: Plc, daemon: Daemon) -> None:
+    encoder_of(daemon).inject("position-error")
+
+
+def _clear_alarm(_: Plc, daemon: Daemon) -> None:
+    encoder_of(daemon).clear("position-error")
+
+
+_PULSE = send({"STW2_ENC": 0x0400, "G1_STW": 0}, {"G1_STW": 0x8000}, {"G1_STW": 0})
+_ACKNOWLEDGE = send({"STW2_ENC": 0x0400}, {"STW2_ENC": 0x0480}, {"STW2_ENC": 0x0400})
+_SOUND_SENSOR = both(_clear_alarm, _PULSE, _ACKNOWLEDGE)
+
+
+def _count_sign_of_life(plc: Plc, daemon: Daemon) -> None:
+    daemon.objects[0].set_sign_of_life_tolerance(3)
+    plc.endpoint.count(0, "STW2", signal("STW2").bit("SIGN_OF_LIFE"))
+    plc.enable()
+
+
+def _stop_sign_of_life(plc: Plc, daemon: Daemon) -> None:
+    _count_sign_of_life(plc, daemon)
+    plc.endpoint.count(0, "STW2", None)
 
 
 def _keep_mode(daemon: Daemon) -> Daemon:
@@ -179,16 +149,6 @@ def _overcurrent(_: Plc, daemon: Daemon) -> None:
     drive_of(daemon).inject(7)
 
 
-def acknowledge(plc: Plc, daemon: Daemon) -> None:
-    """Acknowledge the fault after its cause is gone, then OFF and ON."""
-    drive_of(daemon).clear()
-    plc.endpoint.set(0, {"STW1": OFF})
-    plc.exchange()
-    plc.endpoint.set(0, {"STW1": OFF | 0x80})
-    plc.until(lambda: drive_of(daemon).model.state is not State.FAULT, "acknowledged")
-    plc.enable()
-
-
 def _set_vendor(daemon: Daemon, vendor: int) -> None:
     encoder_of(daemon).node.values[0x1018, 1] = vendor
 
@@ -207,23 +167,22 @@ def _set_error_register(daemon: Daemon) -> None:
 
 DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "the drive does not execute NMT start": DeviceSituation(
-        is_refused=True,
+        operates=False,
         spoil=_set_error_register,
         says=("rejected", "Pre-operational", "1001h = 11h (generic, communication)", "restart the node"),
         lacks=("TPDO", "check power", "being configured", "config check"),
-        cure=good,
+        cure=behave,
     ),
     "the drive sends a TPDO that is one byte shorter than its mapping": DeviceSituation(
-        is_refused=True,
+        operates=False,
         spoil=spoil(sent=_short),
         says=("rejected", "TPDO1", "5 bytes", "6 bytes"),
         lacks=("none of", "being configured", "sync"),
-        cure=good,
+        cure=behave,
     ),
     "the encoder is of another manufacturer, and the configuration has no EDS": DeviceSituation(
-        is_refused=True,
+        operates=False,
         tables=_ENCODER,
-        telegram=81,
         spoil=lambda daemon: _set_vendor(daemon, 0xABCE),
         says=("rejected", "0000ABCEh", "as in the built-in data sheet", "set the key eds"),
         lacks=("as in the EDS", "check power", "config check"),
@@ -240,65 +199,60 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     ),
     "telegram 9: STW1.6 rises while STW1.4 = 0": DeviceSituation(
         tables=axis(1, telegram_number=9),
-        telegram=9,
-        begin=_words(*_TASK, (0x042F, {}), (0x046F, {}), (0x047F, {})),
+        begin=words(*_TASK, (0x042F, {}), (0x046F, {}), (0x047F, {})),
         says=("Waits", "was 0 at the edge of STW1.6", "set STW1.6 to 0 and to 1"),
         lacks=("STW1.4 = 0:",),
         health=Health.WARNING,
-        cure=_words((0x043F, {}), (0x047F, {})),
+        cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.6 rises while STW1.5 = 0": DeviceSituation(
         tables=_POSITIONER,
-        telegram=111,
-        begin=_words((0x043F, _MDI), (0x041F, {}), (0x045F, {}), (0x047F, {})),
+        begin=words((0x043F, _MDI), (0x041F, {}), (0x045F, {}), (0x047F, {})),
         says=("Waits", "was 0 at the edge of STW1.6", "set STW1.6 to 0 and to 1"),
         lacks=("In operation",),
         health=Health.WARNING,
-        cure=_words((0x043F, {}), (0x047F, {})),
+        cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.6 is 1 before ON": DeviceSituation(
         tables=_POSITIONER,
-        telegram=111,
-        begin=_words((0x047E, _MDI), (0x047F, {})),
+        begin=words((0x047E, _MDI), (0x047F, {})),
         says=("Waits", "STW1.6 was 1 before operation"),
         health=Health.WARNING,
-        cure=_words((0x043F, {}), (0x047F, {})),
+        cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.11 is 1 before ON": DeviceSituation(
         tables=_POSITIONER,
-        telegram=111,
-        begin=_words((0x0C3E, {}), (0x0C3F, {})),
+        begin=words((0x0C3E, {}), (0x0C3F, {})),
         says=("Waits", "STW1.11 was 1 before operation"),
         health=Health.WARNING,
-        cure=_words((0x043F, {}), (0x0C3F, {}), (0x043F, {})),
+        cure=words((0x043F, {}), (0x0C3F, {}), (0x043F, {})),
     ),
     'STW1.10 falls in operation, with control_lost = "hold"': DeviceSituation(
         tables=axis(1, more='simulate = true\ncontrol_lost = "hold"'),
-        begin=_words((ON, {"NSOLL_A": 0x1000}), (ON & ~0x400, {})),
+        begin=words((ON, {"NSOLL_A": 0x1000}), (ON & ~0x400, {})),
         says=("Waits", "STW1.10 = 0", "continues with its last setpoint", "must set STW1.10 = 1"),
         lacks=("does not start",),
         health=Health.WARNING,
-        cure=_words((ON, {})),
+        cure=words((ON, {})),
     ),
     "the PLC's program sends the bytes of each word swapped": DeviceSituation(
-        begin=_words((0x7E04, {}), (0x7F04, {})),
+        begin=words((0x7E04, {}), (0x7F04, {})),
         says=("Waits", "STW1 = 7F04h: its two bytes are swapped (047Fh)", "swap the bytes"),
         lacks=("coast stop", "Off:"),
         health=Health.WARNING,
-        cure=_words((OFF, {}), (ON, {})),
+        cure=words((OFF, {}), (ON, {})),
     ),
     "a positive limit switch stops the axis at a speed setpoint": DeviceSituation(
-        begin=_both(_words((ON, {"NSOLL_A": 0x1000})), _limit_switch),
+        begin=both(words((ON, {"NSOLL_A": 0x1000})), _limit_switch),
         says=("Waits", "stopped at a limit of the drive", "in positive direction", "negative direction is free"),
         lacks=("send setpoint 0",),
         health=Health.WARNING,
-        cure=_words((ON, {"NSOLL_A": -0x1000})),
+        cure=words((ON, {"NSOLL_A": -0x1000})),
     ),
     "telegram 111: a negative limit switch stops a task": DeviceSituation(
         tables=_POSITIONER,
-        telegram=111,
-        begin=_both(
-            _words((0x043F, _MDI | {"MDI_TARPOS": -200_000}), (0x047F, {})),
+        begin=both(
+            words((0x043F, _MDI | {"MDI_TARPOS": -200_000}), (0x047F, {})),
             lambda plc, daemon: _limit_switch(plc, daemon, positive=0),
         ),
         says=(
@@ -309,42 +263,117 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         ),
         lacks=("an intermediate stop",),
         health=Health.WARNING,
-        cure=_words((0x043F, {"MDI_TARPOS": 2000}), (0x047F, {})),
+        cure=words((0x043F, {"MDI_TARPOS": 2000}), (0x047F, {})),
     ),
     "the drive was lost for a second in operation": DeviceSituation(
         begin=_lose,
         says=("Waits", "ON ignored", "because of node lost", "no TPDO2 for 200 ms, since "),
         health=Health.WARNING,
-        cure=_words((OFF, {}), (ON, {})),
+        cure=words((OFF, {}), (ON, {})),
     ),
     "the PLC's program sends a sensor command that the encoder does not have": DeviceSituation(
         tables=_ENCODER,
-        telegram=81,
-        is_refused=True,
+        operates=False,
         begin=_sensor_error,
         says=("Fault", "sensor error 0F01h, G1_STW has a command that the sensor does not have"),
-        cure=_sound_sensor,
+        cure=_PULSE,
+    ),
+    "the PLC acknowledges an encoder without control": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(send({"STW2_ENC": 0x0400}), _alarm, send({"STW2_ENC": 0}, {"G1_STW": 0x8000})),
+        says=("Fault", "sensor error 0001h", "G1_STW.15 has no effect while STW2_ENC.10 = 0"),
+        cure=_SOUND_SENSOR,
+    ),
+    "the PLC holds the acknowledge of an encoder": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(send({"STW2_ENC": 0x0400, "G1_STW": 0x8000}), _alarm),
+        says=("Fault", "sensor error 0001h", "it needs an edge, set G1_STW.15 to 0 and then to 1"),
+        lacks=("cause is still there",),
+        cure=_SOUND_SENSOR,
+    ),
+    "the PLC acknowledges an encoder while the cause is there": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(send({"STW2_ENC": 0x0400}), _alarm, send({"G1_STW": 0}, {"G1_STW": 0x8000}, {"G1_STW": 0})),
+        says=(
+            "Fault",
+            "sensor error 0001h",
+            "the cause is still there: remove it, then set G1_STW.15 to 0 and then to 1",
+        ),
+        cure=_SOUND_SENSOR,
+    ),
+    "the PLC acknowledges an encoder and does not end it": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(send({"STW2_ENC": 0x0400}), _alarm, send({"G1_STW": 0}), _clear_alarm, send({"G1_STW": 0x8000})),
+        says=("Fault", "sensor error 0001h", "set G1_STW.15 to 0: this ends the acknowledge"),
+        cure=both(send({"G1_STW": 0}), _ACKNOWLEDGE),
+    ),
+    "the PLC acknowledges the sensor of an encoder, and not its fault": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(send({"STW2_ENC": 0x0400}), _alarm, send({"G1_STW": 0}), _clear_alarm, _PULSE),
+        says=("Fault: EMCY 1000h generic error, since ", "then acknowledge (STW2_ENC.7)"),
+        lacks=("G1_STW",),
+        cure=_ACKNOWLEDGE,
+    ),
+    "the PLC acknowledges the fault of an encoder while the cause is there": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(send({"STW2_ENC": 0x0400, "G1_STW": 0x4000}), _alarm, send({}), _ACKNOWLEDGE),
+        says=(
+            "Fault: EMCY 1000h generic error, since ",
+            "the cause is still there",
+            "set STW2_ENC.7 to 0 and then to 1",
+        ),
+        cure=both(_clear_alarm, _PULSE, _ACKNOWLEDGE),
+    ),
+    "the PLC's program parks the sensor": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=send({"STW2_ENC": 0x0400, "G1_STW": 0x4000}),
+        says=("Off: G1_STW.14 = 1: sensor is parked",),
+        health=Health.OK,
+        cure=send({"G1_STW": 0}),
+    ),
+    "telegram 9: SATZANW.15 = 0": DeviceSituation(
+        tables=axis(1, telegram_number=9),
+        begin=words((0x043E, {}), (0x043F, {}), (0x047F, {})),
+        says=("Waits: SATZANW.15 = 0: MDI is not selected", "Set SATZANW.15"),
+        health=Health.WARNING,
+        cure=words((0x043F, _TASK[0][1]), (0x047F, {})),
+    ),
+    "telegram 111: OVERRIDE is 0": DeviceSituation(
+        tables=_POSITIONER,
+        begin=words((0x043F, _MDI | {"OVERRIDE": 0, "MDI_TARPOS": 2000}), (0x047F, {})),
+        says=("Waits: OVERRIDE is 0", "Raise OVERRIDE"),
+        health=Health.WARNING,
+        cure=words((0x047F, {"OVERRIDE": 0x4000})),
+    ),
+    "telegram 111: the traversing block does not exist": DeviceSituation(
+        tables=_POSITIONER,
+        begin=words((0x043F, {"POS_STW1": 63, "OVERRIDE": 0x4000}), (0x047F, {})),
+        says=("Waits: traversing block does not exist", "select a block of the configuration"),
+        health=Health.WARNING,
+        cure=words((0x043F, _MDI), (0x047F, {})),
+    ),
+    "telegram 3: the sign of life of the PLC's program stops": DeviceSituation(
+        tables=axis(1, telegram_number=3),
+        begin=_stop_sign_of_life,
+        says=("Waits: the PLC's sign of life (STW2.12-15) does not count", "raise P925"),
+        lacks=("check the cable",),
+        health=Health.WARNING,
+        cure=_count_sign_of_life,
     ),
     "the drive accepts another mode only while it is off": DeviceSituation(
         tables=_POSITIONER,
-        telegram=111,
-        begin=lambda plc, daemon: _words((0x043F, {}), (0x053F, {}))(plc, _keep_mode(daemon)),
+        begin=lambda plc, daemon: words((0x043F, {}), (0x053F, {}))(plc, _keep_mode(daemon)),
         says=("Waits", "does not change its mode of operation while it is in operation", "end the request"),
         lacks=("Use a drive",),
         health=Health.WARNING,
-        cure=_words((0x043F, {})),
+        cure=words((0x043F, {})),
     ),
 }
-"""By what a technician finds."""
-
-
-@contextmanager
-def at_device_situation(situation: DeviceSituation) -> Iterator[tuple[Daemon, Plc]]:
-    """A daemon and a PLC in a situation whose cause is the device."""
-    with running(configuration(situation.tables), situation.spoil) as daemon:
-        plc = Plc(daemon, [situation.telegram])
-        if not situation.is_refused:
-            plc.enable()
-        situation.begin(plc, daemon)
-        settle(plc)
-        yield daemon, plc
+"""What a technician finds, over both links."""

@@ -1,46 +1,29 @@
-"""Situations in which the PLC's frames or words are the cause; each with its words, its exit status and its cure."""
+"""Situations in which the frames of the PLC, or the project of a controller, are the cause."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.profinet.identity import profinet_model
 from pdgw.peers.controller.controller import Phase
-from pdgw.peers.controller.project import Project
-from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NORMAL, STATUS_RUN, TRAILER
+from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NORMAL, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.output.status_check import Health
-from tests.support.documents.situations import SETTLED, settle
-from tests.support.gateways import profinet_daemon
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
-from tests.support.gateways.profinet_daemon import Plant, plant
+from tests.support.documents.situations import Situation, Step, both, good
+from tests.support.gateways.daemon import OFF, Plc
+from tests.support.gateways.profinet_daemon import ControllerPlc, Plant
 
-Step = Callable[[Plc, Daemon], None]
 _SHORT = "cycle_time_ms = 4\nwatchdog_factor = 3"
 _ROUTED = 'cycle_time_ms = 4\nwatchdog_factor = 75\nlisten = "192.168.0.5"\npeer = "192.168.0.10"'
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlcSituation:
-    """A situation, and how to get there from an axis in operation, or, with ``numbers``, from the start."""
+class PlcSituation(Situation):
+    """A situation whose cause is the PLC."""
 
-    begin: Step = lambda _, __: None
-    says: tuple[str, ...]
-    """Words that the first line contains."""
     lacks: tuple[str, ...] = ("check the cable", "bring the PLC to RUN", "no valid frame from the PLC yet")
-    """Words that it does not contain."""
-    health: Health = Health.CRITICAL
-    cure: Step
-    """Follow the remedy."""
-    numbers: tuple[int, ...] = ()
-    """Telegrams that the PLC sends; empty: that of the axis."""
-    transport: str = ""
-    host: str = "plc"
 
 
 def changes(change: Callable[[bytearray], bytes]) -> Step:
@@ -50,13 +33,6 @@ def changes(change: Callable[[bytearray], bytes]) -> Step:
         plc.change = change
 
     return begin
-
-
-def good(plc: Plc, _: Daemon) -> None:
-    """The PLC sends what it should, and switches the axis on again."""
-    plc.change, plc.silent, plc.endpoint.run = bytes, False, True
-    plc.endpoint.bad.clear()
-    plc.enable()
 
 
 def right_layout(plc: Plc, daemon: Daemon) -> None:
@@ -82,14 +58,6 @@ def _of_another_frame_id(frame: bytearray) -> bytes:
     return b"\xc0\x02" + bytes(frame[2:])
 
 
-def _stop(plc: Plc, _: Daemon) -> None:
-    plc.endpoint.run = False
-
-
-def _mark_bad(plc: Plc, _: Daemon) -> None:
-    plc.endpoint.bad.add(0)
-
-
 def _every_fifth_cycle(plc: Plc, _: Daemon) -> None:
     """The task of the PLC has a cycle of 20 ms."""
     calls = 0
@@ -113,73 +81,23 @@ def _use_another_byte_after_the_last_object(plc: Plc, _: Daemon) -> None:
     plc.endpoint.set(len(plc.endpoint.setpoints) - 1, {"STW1": OFF})
 
 
-def _trip(plc: Plc, daemon: Daemon) -> None:
-    """The drive is in fault, and its cause is gone."""
-    model = drive_of(daemon).model
-    drive_of(daemon).inject(7)
-    plc.until(lambda: model.state is State.FAULT, "the fault")
-    model.clear()
-
-
-def _acknowledge_without_control(plc: Plc, daemon: Daemon) -> None:
-    _trip(plc, daemon)
-    for word in (0x007E, 0x00FE):
-        plc.endpoint.set(0, {"STW1": word})
-        for _ in range(50):
-            plc.exchange()
-
-
-def _hold_the_acknowledge(plc: Plc, daemon: Daemon) -> None:
-    """The program has set STW1.7 before the fault."""
-    plc.endpoint.set(0, {"STW1": OFF | 0x80})
-    for _ in range(50):
-        plc.exchange()
-    _trip(plc, daemon)
-
-
-def _acknowledge_while_the_cause_is_there(plc: Plc, daemon: Daemon) -> None:
-    drive_of(daemon).inject(7)
-    for word in (OFF, OFF | 0x80):
-        plc.endpoint.set(0, {"STW1": word})
-        for _ in range(50):
-            plc.exchange()
-
-
-def _acknowledge(plc: Plc, daemon: Daemon) -> None:
-    drive_of(daemon).model.clear()
-    for word in (OFF, OFF | 0x80):
-        plc.endpoint.set(0, {"STW1": word})
-        for _ in range(50):
-            plc.exchange()
-    plc.enable()
-
-
-@contextmanager
-def at_plc_situation(situation: PlcSituation) -> Iterator[tuple[Daemon, Plc]]:
-    """A gateway and its PLC in this situation."""
-    with running(configuration(axis(1), transport=situation.transport)) as daemon:
-        plc = Plc(daemon, list(situation.numbers or (1,)), situation.host)
-        if not situation.numbers:
-            plc.enable()
-        situation.begin(plc, daemon)
-        settle(plc)
-        yield daemon, plc
-
-
 PLC_SITUATIONS: dict[str, PlcSituation] = {
     "the PLC sends a longer telegram": PlcSituation(
         numbers=(111,),
+        operates=False,
         says=("frames of", "expected: 46 bytes for telegrams 1", "pdgw map"),
         cure=right_layout,
     ),
     "the PLC sends another telegram of the same length": PlcSituation(
         numbers=(102,),
+        operates=False,
         begin=lambda plc, _: plc.endpoint.set(0, {"STW1": OFF, "MOMRED": 1}),
         says=("byte 11 is not 0", "expected: 46 bytes for telegrams 1", "pdgw map"),
         cure=right_layout,
     ),
     "the PLC sends one axis too many": PlcSituation(
         numbers=(1, 1),
+        operates=False,
         begin=_use_another_byte_after_the_last_object,
         says=("byte 8 is not 0", "the last object ends before it", "pdgw map"),
         cure=right_layout,
@@ -191,12 +109,6 @@ PLC_SITUATIONS: dict[str, PlcSituation] = {
         begin=_with_status(STATUS_NORMAL & ~STATUS_DATA_VALID),
         says=("DataStatus 31h", "data valid", "expected 35h"),
         cure=good,
-    ),
-    "the PLC is in STOP": PlcSituation(
-        begin=_stop, says=("the PLC is in STOP", "set the PLC to RUN"), health=Health.WARNING, cure=good
-    ),
-    "the PLC marks the data of the axis as bad": PlcSituation(
-        begin=_mark_bad, says=("IOPS", "80h"), health=Health.WARNING, cure=good
     ),
     "the cycle counter of the PLC does not increase": PlcSituation(
         begin=changes(_same_counter), says=("cycle counter does not increase", "raise the cycle counter"), cure=good
@@ -222,6 +134,7 @@ PLC_SITUATIONS: dict[str, PlcSituation] = {
     ),
     "the PLC has another address than peer": PlcSituation(
         numbers=(1,),
+        operates=False,
         says=(
             "frames of 192.168.0.11",
             "the PLC is 192.168.0.10",
@@ -231,48 +144,33 @@ PLC_SITUATIONS: dict[str, PlcSituation] = {
         transport=_ROUTED,
         host="192.168.0.11",
     ),
-    "the PLC acknowledges without control": PlcSituation(
-        begin=_acknowledge_without_control, says=("EMCY", "STW1.7 has no effect while STW1.10 = 0"), cure=_acknowledge
-    ),
-    "the PLC holds the acknowledge": PlcSituation(
-        begin=_hold_the_acknowledge, says=("EMCY", "needs an edge", "STW1.7 to 0 and then to 1"), cure=_acknowledge
-    ),
-    "the PLC acknowledges while the cause is there": PlcSituation(
-        begin=_acknowledge_while_the_cause_is_there,
-        says=("EMCY", "the cause is still there", "STW1.7 to 0 and then to 1"),
-        cure=_acknowledge,
-    ),
 }
-"""By what a technician finds."""
+"""What a technician finds, over UDP."""
 
 
-def _project(**changes: object) -> Callable[[Plant], None]:
+def _at(act: Callable[[Plant], None]) -> Step:
+    """Something happens to the controller or its network."""
+
+    def step(plc: Plc, _: Daemon) -> None:
+        assert isinstance(plc, ControllerPlc)
+        act(plc.site)
+
+    return step
+
+
+def _project(site: Plant, **changes: object) -> None:
     """The controller's project differs in this way."""
-
-    def connect(site: Plant) -> None:
-        site.plc.project = replace(site.plc.project, **changes)  # type: ignore[arg-type]
-        site.plc.start(site.loop.now())
-
-    return connect
+    site.plc.project = replace(site.plc.project, **changes)  # type: ignore[arg-type]
+    site.plc.start(site.loop.now())
 
 
 def _other_telegram(site: Plant) -> None:
     config = site.daemon.config
-    modules = profinet_model(config.transport, site.port.mac, config.objects, [telegram(9)]).modules
-    _project(modules=modules)(site)
+    _project(site, modules=profinet_model(config.transport, site.port.mac, config.objects, [telegram(9)]).modules)
 
 
 def _right_project(site: Plant) -> None:
-    site.plc.project = Project("press-1", site.link.device.model.modules, data_hold=100)
-    site.connect()
-
-
-def _controller_status(status: int) -> Callable[[Plant], None]:
-    def set_status(site: Plant) -> None:
-        assert site.plc.provider is not None
-        site.plc.provider.data_status = status
-
-    return set_status
+    _project(site, modules=site.link.device.model.modules, data_hold=100)
 
 
 def _pull(site: Plant) -> None:
@@ -284,7 +182,6 @@ def _pull(site: Plant) -> None:
 def _plug(site: Plant) -> None:
     site.port.link_up, site.killed = True, False
     site.port.on_link()
-    site.connect()
 
 
 def _rename(site: Plant) -> None:
@@ -295,64 +192,27 @@ def _rename(site: Plant) -> None:
 
 def _name(site: Plant) -> None:
     site.link.station.name = "press-1"
-    site.connect()
 
 
-@dataclass(frozen=True, kw_only=True)
-class ControllerSituation:
-    """As ``PlcSituation``, over PROFINET from an axis in operation."""
-
-    begin: Callable[[Plant], None]
-    says: tuple[str, ...]
-    lacks: tuple[str, ...] = ("bring the PLC to RUN", "pdgw map prints")
-    health: Health = Health.CRITICAL
-    cure: Callable[[Plant], None]
-
-
-@contextmanager
-def at_controller_situation(situation: ControllerSituation, store: Path) -> Iterator[Plant]:
-    """A gateway and its controller in this situation."""
-    with plant(profinet_daemon.configuration(axis(1), store)) as site:
-        site.connect()
-        site.enable()
-        situation.begin(site)
-        site.run(SETTLED)
-        yield site
-
-
-CONTROLLER_SITUATIONS: dict[str, ControllerSituation] = {
-    "the controller is in STOP": ControllerSituation(
-        begin=_controller_status(STATUS_NORMAL & ~STATUS_RUN),
-        says=("the PLC is in STOP", "set the PLC to RUN"),
-        lacks=("cable",),
-        health=Health.WARNING,
-        cure=_controller_status(STATUS_NORMAL),
-    ),
-    "the controller marks the data of the axis as bad": ControllerSituation(
-        begin=lambda site: site.plc.set_output((1, 2), bytes(4), good=False),
-        says=("IOPS",),
-        lacks=("cable",),
-        health=Health.WARNING,
-        cure=lambda site: None,
-    ),
-    "the project of the controller has another telegram": ControllerSituation(
-        begin=_other_telegram,
+CONTROLLER_SITUATIONS: dict[str, PlcSituation] = {
+    "the project of the controller has another telegram": PlcSituation(
+        begin=_at(_other_telegram),
         says=("the controller's project has no telegram 1 in slot 1", "modules"),
         lacks=("cable", "IOPS"),
         health=Health.WARNING,
-        cure=_right_project,
+        cure=both(_at(_right_project), good),
     ),
-    "the device rejects the controller's project": ControllerSituation(
-        begin=_project(data_hold=0),
+    "the device rejects the controller's project": PlcSituation(
+        begin=_at(lambda site: _project(site, data_hold=0)),
         says=("Connect from 192.168.0.1 rejected", "IocrBlockReq.watchdog"),
         lacks=("cable",),
-        cure=_right_project,
+        cure=both(_at(_right_project), good),
     ),
-    "the Ethernet cable is off": ControllerSituation(
-        begin=_pull, says=("the Ethernet cable of eth1 is off", "plug the cable"), cure=_plug
+    "the Ethernet cable is off": PlcSituation(
+        begin=_at(_pull), says=("the Ethernet cable of eth1 is off", "plug the cable"), cure=both(_at(_plug), good)
     ),
-    "the device has no name of station": ControllerSituation(
-        begin=_rename, says=("no name of station", "DCP"), lacks=("cable",), cure=_name
+    "the device has no name of station": PlcSituation(
+        begin=_at(_rename), says=("no name of station", "DCP"), lacks=("cable",), cure=both(_at(_name), good)
     ),
 }
-"""By what a technician finds."""
+"""What a technician finds, over PROFINET."""

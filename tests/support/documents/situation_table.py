@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
-from tests.support.documents.device_situations import DEVICE_SITUATIONS, at_device_situation
+from tests.support.documents.device_situations import DEVICE_SITUATIONS
 from tests.support.documents.parts import read_part, write_part
-from tests.support.documents.plc_situations import (
-    CONTROLLER_SITUATIONS,
-    PLC_SITUATIONS,
-    at_controller_situation,
-    at_plc_situation,
-)
-from tests.support.documents.situations import SITUATIONS, settle
-from tests.support.gateways.daemon import Plc, axis, configuration, running
+from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS
+from tests.support.documents.situations import SITUATIONS, at_situation
 
 _PLACE = ("operation.md", "situations")
+ON_BOTH_LINKS = SITUATIONS | DEVICE_SITUATIONS
+BY_LINK = {"udp": ON_BOTH_LINKS | PLC_SITUATIONS, "profinet": ON_BOTH_LINKS | CONTROLLER_SITUATIONS}
+"""All situations of each link, by what a technician finds."""
 
 
 def situation_table() -> str:
@@ -29,23 +24,10 @@ def situation_table() -> str:
 
 
 def _rows() -> Iterator[str]:
-    for title, begin in SITUATIONS.items():
-        with running(configuration(axis(1))) as daemon:
-            plc = Plc(daemon, [1])
-            plc.enable()
-            begin(plc, daemon)
-            settle(plc)
-            yield _row(title, daemon)
-    for title, situation in PLC_SITUATIONS.items():
-        with at_plc_situation(situation) as (daemon, _):
-            yield _row(title, daemon)
-    for title, device in DEVICE_SITUATIONS.items():
-        with at_device_situation(device) as (daemon, _):
-            yield _row(title, daemon)
-    with TemporaryDirectory() as folder:
-        for title, found in CONTROLLER_SITUATIONS.items():
-            with at_controller_situation(found, Path(folder) / "store.json") as site:
-                yield _row(title, site.daemon)
+    for link, situations in (("udp", BY_LINK["udp"]), ("profinet", CONTROLLER_SITUATIONS)):
+        for title, situation in situations.items():
+            with at_situation(situation, link) as (daemon, _):
+                yield _row(title, daemon)
 
 
 def _row(title: str, daemon: Daemon) -> str:

@@ -1,29 +1,135 @@
-"""Situations in which an axis does not move, each made in a daemon's world; and what every surface shows of it."""
+"""Situations in which an axis does not move, over both links; and what every surface shows of them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import Enable
 from pdgw.gateway.service.status import snapshot
+from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.model.model import DriveModel
-from pdgw.tools.output.status_check import check_line
+from pdgw.peers.encoder import SimulatedEncoder
+from pdgw.tools.output.status_check import Health, check_line
 from pdgw.tools.output.status_text import cause_sentence, object_lines, status_lines
 from pdgw.web.metrics import exposition
 from pdgw.web.mqtt import object_message
 from pdgw.web.status.watch import Watch
-from tests.support.gateways.daemon import OFF, ON, Plc, drive_of, world_of
+from tests.support.gateways import profinet_daemon
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
 from tests.support.page import ShownGateway, look
 
 SETTLED = 1500 * MS
 """By then every loss is found and every attempt to bring a node up again has failed once."""
+Step = Callable[[Plc, Daemon], None]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Situation:
+    """A situation, and how to get there from an axis in operation."""
+
+    begin: Step = lambda _, __: None
+    says: tuple[str, ...]
+    """Words that the first line contains."""
+    lacks: tuple[str, ...] = ()
+    """Words that it does not contain."""
+    health: Health = Health.CRITICAL
+    cure: Step
+    """Follow the remedy."""
+    tables: str = axis(1)
+    spoil: Callable[[Daemon], None] = lambda _: None
+    """Before the gateway starts."""
+    operates: bool = True
+    """The axis is in operation before; otherwise it has never been."""
+    numbers: tuple[int, ...] = ()
+    """Telegrams that a PLC on UDP sends; empty: those of the gateway."""
+    transport: str = ""
+    host: str = "plc"
+
+
+@contextmanager
+def at_situation(situation: Situation, link: str = "udp") -> Iterator[tuple[Daemon, Plc]]:
+    """A gateway and its PLC in this situation."""
+    with _over_profinet(situation) if link == "profinet" else _over_udp(situation) as plc:
+        if situation.operates:
+            plc.enable()
+        situation.begin(plc, plc.daemon)
+        settle(plc)
+        yield plc.daemon, plc
+
+
+@contextmanager
+def _over_udp(situation: Situation) -> Iterator[Plc]:
+    with running(configuration(situation.tables, transport=situation.transport), situation.spoil) as daemon:
+        yield Plc(daemon, list(situation.numbers) or [item.telegram.number for item in daemon.objects], situation.host)
+
+
+@contextmanager
+def _over_profinet(situation: Situation) -> Iterator[Plc]:
+    with TemporaryDirectory() as folder:
+        config = profinet_daemon.configuration(situation.tables, Path(folder) / "store.json")
+        with profinet_daemon.plant(config, before=situation.spoil, online=False) as site:
+            yield profinet_daemon.ControllerPlc(site)
+
+
+def both(*steps: Step) -> Step:
+    """One step after the other."""
+
+    def run(plc: Plc, daemon: Daemon) -> None:
+        for step in steps:
+            step(plc, daemon)
+
+    return run
+
+
+def send(*frames: dict[str, int]) -> Step:
+    """The PLC sends these words for a time each."""
+
+    def begin(plc: Plc, _: Daemon) -> None:
+        for values in frames:
+            plc.endpoint.set(0, values)
+            for _ in range(_SOME_FRAMES):
+                plc.exchange()
+
+    return begin
+
+
+def words(*frames: tuple[int, dict[str, int]]) -> Step:
+    """The PLC sends STW1 and other words for a time each."""
+    return send(*({"STW1": word} | others for word, others in frames))
+
+
+def good(plc: Plc, _: Daemon) -> None:
+    """The PLC sends what it should, and switches the axis on again."""
+    plc.change, plc.silent, plc.endpoint.run = bytes, False, True
+    plc.endpoint.bad.clear()
+    plc.enable()
+
+
+def acknowledge(plc: Plc, daemon: Daemon) -> None:
+    """Remove the cause of the fault, acknowledge, then OFF and ON."""
+    plc.silent = False
+    drive_of(daemon).clear()
+    words((OFF, {}), (OFF | 0x80, {}))(plc, daemon)
+    plc.enable()
+
+
+def online(plc: Plc, daemon: Daemon) -> None:
+    """The device is on the bus again, and the PLC switches on."""
+    plc.silent = False
+    plc.until(lambda: all(item.good for item in daemon.objects), "online")
+    plc.enable()
+
+
+_SOME_FRAMES = 100
 FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
@@ -45,9 +151,9 @@ def clear_bits(plc: Plc, mask: int) -> None:
     plc.endpoint.set(0, {"STW1": plc.endpoint.setpoints[0]["STW1"] & ~mask})
 
 
-def settle(plc: Plc) -> None:
-    """Exchange until every loss is found and every attempt to bring a node up again has failed once."""
-    end = plc.loop.now() + SETTLED
+def settle(plc: Plc, ns: int = SETTLED) -> None:
+    """Exchange for this time."""
+    end = plc.loop.now() + ns
     while plc.loop.now() < end:
         plc.exchange()
 
@@ -61,15 +167,24 @@ def _take_enables(plc: Plc, daemon: Daemon) -> None:
     plc.endpoint.set(0, {"STW1": ON})
 
 
+def _first(daemon: Daemon) -> SimulatedDrive | SimulatedEncoder:
+    """The device of the first drive object."""
+    device = world_of(daemon).simulations["can"].device(daemon.objects[0].node_id)
+    assert isinstance(device, SimulatedDrive | SimulatedEncoder)
+    return device
+
+
 def _silence(plc: Plc, _: Daemon) -> None:
     plc.silent = True
 
 
 BREAKERS: dict[Enable, Callable[[Plc, Daemon], None]] = {
     Enable.BUS: lambda _, daemon: world_of(daemon).unplug("world"),
-    Enable.NODE: lambda _, daemon: drive_of(daemon).node.power_off(),
+    Enable.NODE: lambda _, daemon: _first(daemon).node.power_off(),
     Enable.SUPPLY: lambda _, daemon: drive_of(daemon).model.disguises.insert(0, show_no_supply),
-    Enable.NO_FAULT: lambda _, daemon: drive_of(daemon).inject(7),
+    Enable.NO_FAULT: lambda _, daemon: _first(daemon).inject(
+        7 if isinstance(daemon.objects[0], Axis) else "position-error"
+    ),
     Enable.OPERATION: _take_enables,
     Enable.PLC: _silence,
     Enable.CONTROL: lambda plc, _: clear_bits(plc, 0x400),
@@ -131,28 +246,129 @@ def _on_too_early(plc: Plc, _: Daemon) -> None:
     plc.silent = False
 
 
-def _both(*steps: Callable[[Plc, Daemon], None]) -> Callable[[Plc, Daemon], None]:
-    def run(plc: Plc, daemon: Daemon) -> None:
-        for step in steps:
-            step(plc, daemon)
-
-    return run
+def _stop(plc: Plc, _: Daemon) -> None:
+    plc.endpoint.run = False
 
 
-SITUATIONS: dict[str, Callable[[Plc, Daemon], None]] = {
-    "the CAN adapter is unplugged": BREAKERS[Enable.BUS],
-    "the drive has no power, and the PLC is silent too": _both(BREAKERS[Enable.NODE], _silence),
-    "the drive has no power, and the PLC idles": _both(BREAKERS[Enable.NODE], _idle),
-    "the emergency stop has cut the supply of the power stage": BREAKERS[Enable.SUPPLY],
-    "the drive reports a fault": BREAKERS[Enable.NO_FAULT],
-    "the drive reports a fault, then the PLC stops": _fault_then_silence,
-    "safe torque off: the drive does not follow ON": BREAKERS[Enable.OPERATION],
-    "the PLC's cable is off": BREAKERS[Enable.PLC],
-    "the PLC's program does not take control": BREAKERS[Enable.CONTROL],
-    "the PLC comes back with ON in its first frame": _on_too_early,
-    "the PLC's program enables no operation": lambda plc, _: clear_bits(plc, 0x8),
-    "an interlock in the PLC holds OFF2": lambda plc, _: clear_bits(plc, 0x2),
-    "an interlock in the PLC holds OFF3, and enables no operation": lambda plc, _: clear_bits(plc, 0xC),
-    "the PLC's program enables no setpoint": BREAKERS[Enable.SETPOINT],
+def _trip(plc: Plc, daemon: Daemon) -> None:
+    """The drive is in fault, and its cause is gone."""
+    model = drive_of(daemon).model
+    drive_of(daemon).inject(7)
+    plc.until(lambda: model.state is State.FAULT, "the fault")
+    model.clear()
+
+
+def _supply(_: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).model.disguises.clear()
+
+
+_OFF_BUS = ("Not on the bus: node 1 on bus can: ", "Check power, CAN cable, termination")
+_POWER_ON = both(lambda _, daemon: drive_of(daemon).node.restart(), online)
+_FAULT = ("Fault: EMCY 2310h over-current, since ", "short circuit", "then acknowledge (STW1.7)")
+SITUATIONS: dict[str, Situation] = {
+    "the CAN adapter is unplugged": Situation(
+        begin=BREAKERS[Enable.BUS],
+        says=("Not on the bus: bus can: bus-off, or its interface is lost", "check CAN cable"),
+        lacks=("node 1",),
+        cure=both(lambda _, daemon: world_of(daemon).unplug("world", False), online),
+    ),
+    "the drive has no power, and the PLC is silent too": Situation(
+        begin=both(BREAKERS[Enable.NODE], _silence), says=_OFF_BUS, lacks=("PLC",), cure=_POWER_ON
+    ),
+    "the drive has no power, and the PLC idles": Situation(
+        begin=both(BREAKERS[Enable.NODE], _idle), says=_OFF_BUS, lacks=("PLC", "STW1"), cure=_POWER_ON
+    ),
+    "the emergency stop has cut the supply of the power stage": Situation(
+        begin=BREAKERS[Enable.SUPPLY],
+        says=("Waits", "no supply voltage (Statusword.4 = 0)", "main contactor, emergency stop"),
+        lacks=("STW1",),
+        health=Health.WARNING,
+        cure=both(_supply, good),
+    ),
+    "the drive reports a fault": Situation(
+        begin=BREAKERS[Enable.NO_FAULT], says=_FAULT, lacks=("needs an edge", "cause is still there"), cure=acknowledge
+    ),
+    "the drive reports a fault, then the PLC stops": Situation(
+        begin=_fault_then_silence, says=_FAULT, lacks=("PLC lost",), cure=acknowledge
+    ),
+    "safe torque off: the drive does not follow ON": Situation(
+        begin=BREAKERS[Enable.OPERATION],
+        says=("Starting: ON is commanded, but the drive reports Ready to Switch On", "safe torque off (STO)"),
+        health=Health.WARNING,
+        cure=both(_supply, good),
+    ),
+    "the PLC's cable is off": Situation(
+        begin=BREAKERS[Enable.PLC],
+        says=("Waits: PLC lost: ", "check the cable, the PLC's operating mode (STOP)"),
+        lacks=("node 1", "no valid frame from the PLC yet"),
+        cure=good,
+    ),
+    "the PLC's program does not take control": Situation(
+        begin=BREAKERS[Enable.CONTROL],
+        says=("Waits: STW1.10 = 0 (control by PLC)", "must set STW1.10 = 1"),
+        health=Health.WARNING,
+        cure=good,
+    ),
+    "the PLC comes back with ON in its first frame": Situation(
+        begin=_on_too_early,
+        says=("Waits: ON ignored: send an OFF first", "because of PLC lost: ", "STW1.0 to 0 and then to 1"),
+        health=Health.WARNING,
+        cure=words((OFF, {}), (ON, {})),
+    ),
+    "the PLC's program enables no operation": Situation(
+        begin=lambda plc, _: clear_bits(plc, 0x8),
+        says=("Waits: STW1.3 = 0: the PLC does not enable operation", "must set STW1.3 = 1"),
+        health=Health.WARNING,
+        cure=words((ON, {})),
+    ),
+    "an interlock in the PLC holds OFF2": Situation(
+        begin=lambda plc, _: clear_bits(plc, 0x2),
+        says=("Waits", "sends ON (STW1.0 = 1) and keeps the drive off: STW1.1 = 0", "find what holds these bits"),
+        lacks=("coast stop",),
+        health=Health.WARNING,
+        cure=good,
+    ),
+    "an interlock in the PLC holds OFF3, and enables no operation": Situation(
+        begin=lambda plc, _: clear_bits(plc, 0xC),
+        says=("Waits", "keeps the drive off: STW1.2 = STW1.3 = 0", "find what holds these bits"),
+        lacks=("quick stop in progress",),
+        health=Health.WARNING,
+        cure=good,
+    ),
+    "the PLC's program enables no setpoint": Situation(
+        begin=BREAKERS[Enable.SETPOINT],
+        says=("Waits: no setpoint: STW1 bits 4, 5 and 6 must all be 1",),
+        health=Health.WARNING,
+        cure=words((ON, {})),
+    ),
+    "the PLC is in STOP": Situation(
+        begin=_stop,
+        says=("the PLC is in STOP", "set the PLC to RUN"),
+        lacks=("check the cable", "bring the PLC to RUN", "no valid frame from the PLC yet"),
+        health=Health.WARNING,
+        cure=good,
+    ),
+    "the PLC marks the data of the axis as bad": Situation(
+        begin=lambda plc, _: plc.endpoint.bad.add(0),
+        says=("IOPS", "80h"),
+        lacks=("check the cable", "bring the PLC to RUN", "no valid frame from the PLC yet"),
+        health=Health.WARNING,
+        cure=good,
+    ),
+    "the PLC acknowledges without control": Situation(
+        begin=both(_trip, words((0x007E, {}), (0x00FE, {}))),
+        says=("EMCY", "STW1.7 has no effect while STW1.10 = 0"),
+        cure=acknowledge,
+    ),
+    "the PLC holds the acknowledge": Situation(
+        begin=both(words((OFF | 0x80, {})), _trip),
+        says=("EMCY", "needs an edge", "STW1.7 to 0 and then to 1"),
+        cure=acknowledge,
+    ),
+    "the PLC acknowledges while the cause is there": Situation(
+        begin=both(BREAKERS[Enable.NO_FAULT], words((OFF, {}), (OFF | 0x80, {}))),
+        says=("EMCY", "the cause is still there", "STW1.7 to 0 and then to 1"),
+        cure=acknowledge,
+    ),
 }
-"""What a technician finds, and how to get there from an axis in operation."""
+"""What a technician finds, over both links."""

@@ -16,13 +16,16 @@ from pdgw.gateway.links.profinet.link import ProfinetLink
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import World
+from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.control import ControlCommand, PrmBeginReq
+from pdgw.profinet.model import TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import Identity, Station
-from tests.support.gateways.daemon import until
+from tests.support.gateways.daemon import Plc, until
 from tests.support.readers import captures
 from tests.support.readers.tshark_frames import datagram
 from tests.support.wire.ethernet import FakeEthernet
@@ -155,8 +158,9 @@ def plant(
     *,
     data_hold: int = 100,
     before: Callable[[Daemon], object] = lambda daemon: None,
+    online: bool = True,
 ) -> Iterator[Plant]:
-    """A daemon whose nodes are online, not connected yet."""
+    """A daemon whose nodes are online (or, not ``online``, have not answered yet), not connected yet."""
     world = World()
     world.simulate(config)
     port = FakeEthernet(world.loop)
@@ -165,13 +169,51 @@ def plant(
     before(daemon)
     daemon.start()
     try:
-        made.until(lambda: all(node.generation for node in daemon.clients), "nodes online")
+        if online:
+            made.until(lambda: all(node.generation for node in daemon.clients), "nodes online")
         yield made
     finally:
         daemon.stop()
         until(daemon, daemon.stopped.is_set, "the end of the daemon")
     assert world.loop.task_errors == 0
     world.loop.close()
+
+
+class ControllerPlc(Plc):
+    """As ``Plc`` over PROFINET: the controller of a plant. It connects again when its relationship has ended."""
+
+    def __init__(self, site: Plant) -> None:
+        self.site, self.daemon, self.loop = site, site.daemon, site.loop
+        self.endpoint = PlcEndpoint([item.telegram for item in site.daemon.objects], site.daemon.cycle_ns)
+        self.silent = False
+        self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, len(site.daemon.objects) + 1)]
+
+    def send(self) -> None:
+        controller, endpoint = self.site.plc, self.endpoint
+        if controller.phase in {Phase.IDLE, Phase.ENDED}:
+            controller.start(self.loop.now())
+        provider = controller.provider
+        if provider is None:
+            return
+        provider.data_status = STATUS_NORMAL if endpoint.run else STATUS_STOP
+        endpoint.count_sign_of_life()
+        for index, place in enumerate(self._places):
+            data = endpoint.telegrams[index].setpoints.encode(tuple(endpoint.setpoints[index].values()))
+            where = provider.place(place)
+            if where is not None and where[1] - where[0] == len(data):  # not of another telegram
+                provider.set(place, data, good=index not in endpoint.bad)
+
+    def exchange(self) -> None:
+        controller = self.site.plc
+        controller.silent = self.silent
+        super().exchange()
+        actuals = [self._decoded(index, controller.input(place)) for index, place in enumerate(self._places)]
+        self.endpoint.accept(actuals, [controller.uses(place) for place in self._places], self.loop.now())
+
+    def _decoded(self, index: int, data: bytes | None) -> tuple[int, ...] | None:
+        """None for data that is not GOOD, or of another telegram."""
+        half = self.endpoint.telegrams[index].actuals
+        return None if data is None or len(data) != half.size else half.decode(data)
 
 
 def parameterise_anew(site: Plant) -> None:
