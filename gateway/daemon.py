@@ -458,7 +458,7 @@ class Daemon:
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
         # A gateway that stops needs no PLC any more.
-        if link.poll(now) and not self._stopping:
+        if link.poll(now) and link.loss and not self._stopping:
             log.error("PLC lost: %s", link.loss, extra={"event": "plc"})
             for item in self.objects:
                 item.raise_fault(FaultNumber.PLC_LOST, link.loss, now)

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
+from pdgw.durations import SECOND
 
 
 class AxisState(enum.Enum):
@@ -583,6 +584,11 @@ class Reason(enum.Enum):
         _E.NO_FAULT,
         "remove the cause; then acknowledge (STW2_ENC.7)",
     )
+
+
+def counted(text: str, count: int, duration_ns: int) -> str:
+    """A text that is repeated, with its number and the time since the first one."""
+    return text if count == 1 else f"{text} ({count} times in {max(1, duration_ns // SECOND)} s)"
 
 
 class Finding(NamedTuple):

@@ -16,7 +16,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.reasons import Finding, Reason
+from pdgw.gateway.reasons import Finding, Reason, counted
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
     COUNTER_UNIT_NS,
@@ -40,6 +40,8 @@ IDLE_NS: Final = 20 * MS
 """Longest time between two readings while no PLC is connected and no drive has power."""
 _NAMED_NS: Final = 10 * SECOND
 """Time for which another sender, frames that do not count, and repeated losses are named."""
+_REPORTED_NS: Final = 60 * SECOND
+"""Time between two reports of repeated losses."""
 _REPEATED: Final = 3
 """Losses in this time that have one reason."""
 _LONGEST_PAUSE_NS: Final = SECOND
@@ -51,7 +53,7 @@ _Axis = tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]
 """Decoding of a drive object: its number, its values, their place, that of its IOPS."""
 _ACCEPTED: Final = Verdict.ACCEPTED
 _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
-_USUAL: Final = (_ACCEPTED, _PROVIDER_STOP, Verdict.AFTER_LOSS, Verdict.OVERDUE, Verdict.CONNECTING)
+USUAL: Final = (_ACCEPTED, _PROVIDER_STOP, Verdict.AFTER_LOSS, Verdict.OVERDUE, Verdict.CONNECTING)
 """Verdicts that the status explains without a further text."""
 
 
@@ -74,12 +76,30 @@ class RepeatedLosses:
         self._losses: deque[tuple[int, int, Finding | None]] = deque(maxlen=_REPEATED)
         """When, the time without a frame, and why the frames did not count; None if there were none."""
         self._until = 0
+        self._begin = self._last = -_NAMED_NS
+        """The first and the last loss of a series."""
+        self._count = 0
+        self._reported_at = 0
 
     def add(self, now: int, silence_ns: int, cause: Finding | None = None) -> None:
         """The PLC sends again at ``now``, or (``cause``) its frames have not counted for too long."""
         self._losses.append((now, silence_ns, cause))
         if len(self._losses) == _REPEATED and now - self._losses[0][0] <= _NAMED_NS:
             self._until = now + _NAMED_NS
+
+    def report(self, text: str, now: int) -> str:
+        """The text of a loss for log and fault. Repeated ones are reported with their number once a minute, and else empty."""
+        if now - self._last >= _NAMED_NS:
+            self._begin, self._count, self._reported_at = now, 0, now - _REPORTED_NS
+        self._last = now
+        self._count += 1
+        finding = self.finding(now)
+        if finding is None:
+            return text
+        if now - self._reported_at < _REPORTED_NS:
+            return ""
+        self._reported_at = now
+        return counted(finding.text, self._count, now - self._begin)
 
     def returned(self, now: int, silence_ns: int) -> None:
         """A frame came after this time without one."""
@@ -139,7 +159,7 @@ class CyclicEndpoint:
         self._last_time = 0
         self._heard = -_NAMED_NS
         """Arrival of the last frame that fits, whether it counted or not."""
-        self._losses = RepeatedLosses(self._watchdog_ns)
+        self.losses = RepeatedLosses(self._watchdog_ns)
         self._read_at = 0
         self._read_before = 0
         self._late = False
@@ -187,11 +207,11 @@ class CyclicEndpoint:
     def finding(self, index: int | None = None) -> Finding | None:
         """Why the PLC's frames, or those of another sender, do not count; ``index``: for this axis. None if they do."""
         now = self._read_at
-        if (repeated := self._losses.finding(now)) is not None:
+        if (repeated := self.losses.finding(now)) is not None:
             return repeated
         if not self.connected:
             if self._refused is not None and now - self._refused_at <= _NAMED_NS:
-                return self._why_refused(*self._refused)
+                return self.why_refused(*self._refused)
         elif not self._runs:
             return Finding.of(Reason.PLC_STOP)
         elif not any(item is not None for item in self.setpoints):
@@ -200,7 +220,9 @@ class CyclicEndpoint:
             return Finding.of(Reason.PLC_BAD, f"{text}; {self._expected}")
         elif index is not None and self.setpoints[index] is None:
             return Finding.of(Reason.PLC_BAD)
-        return None if self._foreign is None or now - self._foreign_at > _NAMED_NS else self._of_other(self._foreign)
+        if self._foreign is None or now - self._foreign_at > _NAMED_NS:
+            return None
+        return self.why_refused(Verdict.FOREIGN_SENDER, self._foreign)
 
     def _of_other(self, sender: Address) -> Finding:
         peer = self._fixed_peer if self.peer is None else "{}:{}".format(*self.peer)
@@ -214,10 +236,13 @@ class CyclicEndpoint:
     def _expected(self) -> str:
         return f"expected: {self.frame_size} bytes for telegrams {', '.join(map(str, self._telegrams))}"
 
-    def _why_refused(self, verdict: Verdict, source: Address, data: bytes) -> Finding:
+    def why_refused(self, verdict: Verdict, source: Address, data: bytes = b"") -> Finding:
+        """Why a frame does not count."""
         frames = "frames of {}:{} do not count".format(*source)
         new_frames, place = self.new_frames, self.consumer.tick
         match verdict:
+            case Verdict.FOREIGN_SENDER:
+                return self._of_other(source)
             case Verdict.NO_TICK:
                 return Finding.of(Reason.FRAME_TICK, f"{frames}: without a tick of this gateway", self._copy_tick)
             case Verdict.TOO_OLD:
@@ -282,13 +307,13 @@ class CyclicEndpoint:
         verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
             if arrived - self._heard > self._watchdog_ns and source == self.peer and not self._late:
-                self._losses.returned(now, arrived - self._heard)
+                self.losses.returned(now, arrived - self._heard)
             verdict = self._check_new(data, source, arrived, now, verdict)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
             self._take(data, source, arrived, runs=verdict is _ACCEPTED)
         elif verdict is Verdict.FOREIGN_SENDER:
             self._foreign, self._foreign_at = source, now
-        elif verdict not in _USUAL:
+        elif verdict not in USUAL:
             self._refused, self._refused_at = (verdict, source, data), now
         self.counters[verdict] += 1
         return verdict
@@ -373,7 +398,7 @@ class CyclicEndpoint:
 
     def _lose(self) -> None:
         if self._refused is not None:
-            self._losses.add(self._read_at, 0, self._why_refused(*self._refused))
+            self.losses.add(self._read_at, 0, self.why_refused(*self._refused))
         self.connected = False
         self.new_frames.lose()
         self.watchdog_expiries += 1

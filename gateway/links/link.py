@@ -13,7 +13,7 @@ from typing import Final, Protocol
 from pdgw.ds301.counters import Counters
 from pdgw.durations import MS
 from pdgw.gateway.configuration.tables.environment import TransportConfig
-from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.cyclic import USUAL, CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort
@@ -27,7 +27,6 @@ _DATAGRAMS_AT_ONCE: Final = 64
 _WAITED_AT_MOST: Final = 10_000
 """More than a socket buffer: a flood must not delay the start."""
 _ACCEPTED: Final = Verdict.ACCEPTED
-_CONNECTING: Final = Verdict.CONNECTING
 _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
 
 
@@ -78,10 +77,6 @@ class Link(Protocol):
     def poll(self, now: int) -> bool:
         """Check the watchdog; True if it expires in this call, or if the relationship has ended."""
 
-    @property
-    def loss(self) -> str:
-        """Reason for the loss of the PLC, after ``poll`` has reported it."""
-
     def finding(self, index: int | None = None) -> Finding | None:
         """Why frames of the PLC, or of another sender, do not count; ``index``: for this drive object. None if they do."""
 
@@ -97,6 +92,9 @@ class Link(Protocol):
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
+
+    loss: str
+    """Reason for the loss of the PLC, after ``poll`` has reported it; empty for one of repeated losses, which are counted."""
 
     layout_token: object
     """Another one with every new layout of the frames."""
@@ -143,6 +141,7 @@ class UdpLink:
         self._received_at = 0
         self.more = True
         """Data after a punctual frame is processed in the next turn, which saves one system call in each cycle."""
+        self.loss = ""
         self._filtered = False
         """A connection exists, and only frames of its PLC are received."""
         self.layout_token = object()
@@ -212,8 +211,8 @@ class UdpLink:
                 taken += 1
                 if endpoint.changed:
                     break  # the axes step, so that the next frame overwrites no order
-            elif verdict is not _CONNECTING and endpoint.counters[verdict] == 1:
-                log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
+            elif verdict not in USUAL and endpoint.counters[verdict] == 1:
+                log.warning("%s", endpoint.why_refused(verdict, source, data).text)
         self.more = True
         if taken:
             self.skipped += taken - 1
@@ -221,7 +220,8 @@ class UdpLink:
             half = self._cycle_ns >> 1
             self.more = not half < since < self._cycle_ns + half
         if endpoint.connected and not self._filtered and endpoint.peer is not None:
-            log.info("PLC %s:%d connected", *endpoint.peer, extra={"event": "plc"})
+            if endpoint.losses.finding(now) is None:
+                log.info("PLC %s:%d connected", *endpoint.peer, extra={"event": "plc"})
             # The kernel drops the datagrams of unknown senders.
             self._listen_to(endpoint.peer)
         return taken > 0
@@ -234,12 +234,10 @@ class UdpLink:
         expired = self.endpoint.poll(now)
         if expired and not self.endpoint.connected:
             self._listen_to(None)
+        if expired:
+            text, finding = silence(self._transport.watchdog_factor), self.endpoint.finding()
+            self.loss = self.endpoint.losses.report(text if finding is None else f"{text}: {finding.text}", now)
         return expired
-
-    @property
-    def loss(self) -> str:
-        text, finding = silence(self._transport.watchdog_factor), self.endpoint.finding()
-        return text if finding is None else f"{text}: {finding.text}"
 
     def finding(self, index: int | None = None) -> Finding | None:
         return self.endpoint.finding(index)

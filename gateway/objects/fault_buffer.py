@@ -53,6 +53,8 @@ class FaultLog:
         self._buffer = FaultBuffer()
         self._active: dict[tuple[int, int], ReportedFault] = {}
         """Faults that are not acknowledged, the oldest first. Equal ones count once, so that none hides another."""
+        self._acknowledged: list[tuple[int, int]] = []
+        """Number and code of the faults of situation 1, if all are the gateway's own."""
         self._emergency = 0
         self._entered = 0
         self.count = 0
@@ -78,8 +80,10 @@ class FaultLog:
         return bool(self._active)
 
     def acknowledge(self) -> None:
-        """The PLC acknowledged and the cause is gone."""
-        self._buffer.acknowledge()
+        """The PLC acknowledged and the cause is gone. The gateway's own faults, repeated, have one situation."""
+        own = [] if any(item.record.of_device for item in self._active.values()) else [*self._active]
+        self._buffer.acknowledge(again=own != [] and own == self._acknowledged)
+        self._acknowledged = own
         self._active.clear()
         self._emergency = 0
 

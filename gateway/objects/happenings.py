@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from pdgw.durations import SECOND
+from pdgw.gateway.reasons import counted
 
 KEPT: Final = 100
 """Happenings that a drive object keeps."""
@@ -55,10 +56,9 @@ class Line:
     """DO-IDs of the last time."""
 
     @property
-    def counted(self) -> str:
+    def shown(self) -> str:
         """The text, and how often."""
-        seconds = max(1, (self.time_ns - self.begin_ns) // SECOND)
-        return self.text if self.count == 1 else f"{self.text} ({self.count} times in {seconds} s)"
+        return counted(self.text, self.count, self.time_ns - self.begin_ns)
 
 
 def around_the_last_stop(happenings: Iterable[Happening]) -> list[Line]:

@@ -286,7 +286,7 @@ def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, 
     now, wall = daemon.loop.now(), daemon.loop.wall()
     found = around_the_last_stop(happening for item in items for happening in item.happenings)
     return [
-        {"time": clock_time(wall - (now - line.time_ns) / SECOND), "who": who(line.labels), "text": line.counted}
+        {"time": clock_time(wall - (now - line.time_ns) / SECOND), "who": who(line.labels), "text": line.shown}
         for line in found
     ]
 

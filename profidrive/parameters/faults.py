@@ -43,11 +43,15 @@ class FaultBuffer:
             self._situations[0].append(fault)
         self._changed()
 
-    def acknowledge(self) -> None:
-        """The faults are cleared and acknowledged: situation 0 becomes 1. Nothing to acknowledge changes nothing."""
+    def acknowledge(self, *, again: bool = False) -> None:
+        """The faults are cleared and acknowledged: situation 0 becomes 1. Nothing to acknowledge changes nothing.
+
+        ``again``: situation 1 has the same faults; it is replaced, so that it does not push older ones out.
+        """
         if not self._situations[0]:
             return
-        self._situations = [[], *self._situations[:-1]]
+        older = self._situations[2:] if again else self._situations[1:-1]
+        self._situations = [[], self._situations[0], *older]
         self._changed()
 
     def clear(self) -> None:

@@ -276,14 +276,15 @@ class ProfinetLink:
             return False
         consumer = self._consumer
         if self._untold:
-            self.loss, self._untold = self._untold, ""
+            loss, self._untold = self._untold, ""
         elif consumer is None or consumer.data_ns is None:
-            self.loss = self._end
+            loss = self._end
         else:
             if now - consumer.data_ns <= self._limit_ns:
                 return False
-            self.loss = silence(self._config.transport.watchdog_factor)
+            loss = silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
+        self.loss = self._losses.report(loss, now)
         self._receivable = False
         self.lose_setpoints()
         return True

@@ -312,6 +312,19 @@ def test_three_pauses_in_ten_seconds_are_one_reason(times: list[int], pauses: li
         assert losses.finding(now + 10 * SECOND) is None, "it ends without further losses"
 
 
+def test_repeated_losses_are_reported_once_a_minute_with_their_number() -> None:
+    losses, reported = RepeatedLosses(12 * MS), list[str]()
+    for time in range(100):
+        losses.returned(time * SECOND, 20 * MS)
+        reported.append(losses.report("lost", time * SECOND))
+    assert reported[:2] == ["lost", "lost"]
+    assert [(time, text.rpartition(" (")[2]) for time, text in enumerate(reported[2:], 2) if text] == [
+        (2, "3 times in 2 s)"),
+        (62, "63 times in 62 s)"),
+    ]
+    assert losses.report("lost", 200 * SECOND) == "lost", "the next one is alone"
+
+
 def test_plc_that_begins_is_not_lost_because_an_idle_gateway_read_seldom() -> None:
     """An idle gateway reads every 20 ms, longer than the watchdog time: that delays nothing of a PLC that begins."""
     endpoint = device()

@@ -53,9 +53,9 @@ def test_one_thing_of_many_axes_is_one_line() -> None:
 def test_what_is_repeated_is_counted() -> None:
     series = [happening(number * 2 * SECOND, "contactor open", stops=True) for number in range(21)]
     (line,) = around_the_last_stop(series)
-    assert line.counted == "contactor open (21 times in 40 s)"
+    assert line.shown == "contactor open (21 times in 40 s)"
     later = around_the_last_stop([series[0], happening(60 * SECOND, "contactor open", stops=True)])
-    assert [line.counted for line in later] == ["contactor open"] * 2
+    assert [line.shown for line in later] == ["contactor open"] * 2
 
 
 def test_repetition_of_several_axes_is_counted_once_and_stays_in_order() -> None:
@@ -66,7 +66,7 @@ def test_repetition_of_several_axes_is_counted_once_and_stays_in_order() -> None
         for place, text in enumerate(("In operation", "contactor open", "fault"))
     ]
     found = around_the_last_stop(series)
-    assert [line.counted for line in found] == [
+    assert [line.shown for line in found] == [
         f"{text} (10 times in 36 s)" for text in ("In operation", "contactor open", "fault")
     ]
     assert all(len(line.labels) == 3 for line in found)

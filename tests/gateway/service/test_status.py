@@ -9,7 +9,7 @@ import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
-from pdgw.gateway.axis.values import gateway_fault
+from pdgw.gateway.axis.values import FaultRecord, gateway_fault
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason, warning_bits
@@ -181,6 +181,26 @@ def test_ids_go_on_when_old_faults_are_forgotten() -> None:
     assert ids[-1] == 1, "the first one is not acknowledged"
     log.acknowledge()
     assert len(log.reported(present=0)) == 64
+
+
+def test_repeated_losses_that_are_acknowledged_leave_the_fault_of_the_drive_in_the_buffer() -> None:
+    log = FaultLog(0)
+    log.enter(FaultRecord(7, 0x2310, 0, "over-current", 1))
+    log.acknowledge()
+    for number in range(20):
+        log.enter(gateway_fault(FaultNumber.PLC_LOST, "", number))
+        log.acknowledge()
+    assert [entry.number for entry in log.entries() if entry.number] == [FaultNumber.PLC_LOST, 7]
+    log.enter(FaultRecord(7, 0x2310, 0, "over-current", 1))
+    log.acknowledge()
+    log.enter(gateway_fault(FaultNumber.PLC_LOST, "", 1))
+    log.acknowledge()
+    assert [entry.number for entry in log.entries() if entry.number] == [
+        FaultNumber.PLC_LOST,
+        7,
+        FaultNumber.PLC_LOST,
+        7,
+    ]
 
 
 def test_durations_are_counted_by_class_an_upper_end_belongs_to_its_own() -> None:
