@@ -4,26 +4,63 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
+from math import inf
 from typing import Any, Final
 
 from pdgw.gateway.reasons import AxisState, Reason
 
-CAUSE_KEYS: Final = ("do_id", "label", "state", "state_id", "sentence", "reason", "reason_id", "remedy", "cause")
+CAUSE_KEYS: Final = (
+    *("do_id", "label", "bus", "node_id", "heard_age_ms"),
+    *("state", "state_id", "reason", "reason_id", "remedy", "cause"),
+)
 """Keys in the status of a drive object that ``causes`` uses."""
 _FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
 """States that need no action."""
 _ORDER: Final = tuple(state.name for state in reversed(AxisState))
 """Order of the states, the worst first."""
+_OFFLINE: Final = (Reason.DRIVE_OFFLINE.name, Reason.ENCODER_OFFLINE.name)
+_TOGETHER_MS: Final = 1000.0
+"""Nodes of a bus that were last heard so shortly after each other have one cause."""
+_SHARED: Final = "check what these nodes share: CAN cable, termination, bit rate and supply"
 
 
 def causes(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The causes among the statuses of drive objects, the worst first."""
-    groups: dict[tuple[str, str, int], list[dict[str, Any]]] = {}
+    """The causes among the statuses of drive objects, the worst first, of equal ones that of most objects."""
+    groups: dict[object, list[dict[str, Any]]] = {}
+    together = _lost_together(items)
     for item in items:
-        if item["state_id"] not in _FINE:
+        if (text := together.get(item["do_id"])) is not None:
+            groups.setdefault(text, []).append(item | {"reason": text, "remedy": _SHARED})
+        elif item["state_id"] not in _FINE:
             groups.setdefault(_key(item), []).append(item)
     found = [_cause(members) for members in groups.values()]
-    return sorted(found, key=lambda cause: _ORDER.index(cause["state_id"]))
+    return sorted(found, key=lambda cause: (_ORDER.index(cause["state_id"]), -len(cause["objects"])))
+
+
+def _age_ms(item: dict[str, Any]) -> float:
+    """Time since the last data of its node, infinite without any."""
+    age: float | None = item["heard_age_ms"]
+    return inf if age is None else age
+
+
+def _lost_together(items: Sequence[dict[str, Any]]) -> dict[int, str]:
+    """What explains the loss of several nodes of a bus at one moment, by the DO-ID of their objects."""
+    losses: list[list[dict[str, Any]]] = []
+    offline = (item for item in items if item["reason_id"] in _OFFLINE)
+    for item in sorted(offline, key=lambda item: (item["bus"], _age_ms(item))):
+        before = losses[-1][-1] if losses else {"bus": ""}
+        if before["bus"] != item["bus"] or _age_ms(item) - _age_ms(before) > _TOGETHER_MS:
+            losses.append([])
+        losses[-1].append(item)
+    found: dict[int, str] = {}
+    for members in losses:
+        first, last, bus = _age_ms(members[0]), _age_ms(members[-1]), members[0]["bus"]
+        lost, known = ({item["node_id"] for item in some if item["bus"] == bus} for some in (members, items))
+        when = f"lost within {last - first:.0f} ms" if first < inf else "have not answered since the start"
+        text = f"{len(lost)} of {len(known)} nodes on bus {bus} {when}: CAN cable or supply"
+        if len(lost) > 1:
+            found |= dict.fromkeys((item["do_id"] for item in members), text)
+    return found
 
 
 def _key(item: dict[str, Any]) -> tuple[str, str, int]:

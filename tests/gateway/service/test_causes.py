@@ -18,7 +18,16 @@ from tests.support.documents.situations import settle
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
 
 
-def status(do_id: int, reason: Reason, *, fault: int = 0, text: str = "", name: str = "") -> dict[str, Any]:
+def status(
+    do_id: int,
+    reason: Reason,
+    *,
+    fault: int = 0,
+    text: str = "",
+    name: str = "",
+    bus: str = "can",
+    heard_age_ms: float | None = None,
+) -> dict[str, Any]:
     """What ``causes`` reads of the status of an axis."""
     label = f'axis {do_id} "{name}"' if name else f"axis {do_id}"
     return {
@@ -30,6 +39,9 @@ def status(do_id: int, reason: Reason, *, fault: int = 0, text: str = "", name: 
         "reason_id": reason.name,
         "remedy": reason.remedy,
         "cause": {"code": fault} if fault else None,
+        "bus": bus,
+        "node_id": do_id,
+        "heard_age_ms": heard_age_ms,
     }
 
 
@@ -45,7 +57,7 @@ def test_sixty_four_objects_with_four_causes_are_four_lines() -> None:
     ]
     found = causes(items)
     assert [(cause["who"], cause["reason"]) for cause in found] == [
-        ("axes 63-64", Reason.DRIVE_OFFLINE.value),
+        ("axes 63-64", "2 of 64 nodes on bus can have not answered since the start: CAN cable or supply"),
         ('axis 61 "slide"', "EMCY 7305h incremental sensor 1, since 14:02:11"),
         ("axis 62", "EMCY 3220h DC link under-voltage, since 14:02:12"),
         ("axes 1-60", Reason.NO_PLC.value),
@@ -60,6 +72,20 @@ def test_axes_with_the_same_fault_at_different_times_are_one_cause() -> None:
     ]
     (cause,) = causes(items)
     assert (cause["who"], cause["reason"]) == ("axes 1-2, 4", "EMCY 7305h incremental sensor 1")
+
+
+def test_nodes_that_were_lost_at_one_moment_have_the_cause_that_explains_all_first() -> None:
+    items = [
+        status(1, Reason.DRIVE_OFFLINE, text="node 1: no TPDO1", heard_age_ms=60_000.0),
+        status(2, Reason.DRIVE_OFFLINE, text="node 2: no TPDO1", heard_age_ms=9000.0),
+        status(3, Reason.DRIVE_OFFLINE, text="node 3: no TPDO2", heard_age_ms=9110.4),
+        status(4, Reason.NO_CONTROL),
+        status(5, Reason.ENCODER_OFFLINE, text="node 5: no heartbeat", heard_age_ms=9400.0) | {"label": "encoder 5"},
+        status(6, Reason.DRIVE_OFFLINE, text="node 6: no TPDO1", heard_age_ms=9000.0, bus="can2"),
+    ]
+    found = [(cause["who"], cause["reason"]) for cause in causes(items)]
+    assert found[0] == ("axes 2-3; encoder 5", "3 of 5 nodes on bus can lost within 400 ms: CAN cable or supply")
+    assert found[1:] == [("axes 1, 6", Reason.DRIVE_OFFLINE.value), ("axis 4", Reason.NO_CONTROL.value)]
 
 
 def test_objects_in_operation_or_off_as_asked_have_no_cause() -> None:

@@ -32,7 +32,7 @@ def _rows() -> Iterator[str]:
 
 def _row(title: str, daemon: Daemon) -> str:
     document = snapshot(daemon)
-    item = (*document["axes"], *document["encoders"])[0]
+    item = (*document["causes"], *document["axes"], *document["encoders"])[0]
     line = re.sub(r"\d\d:\d\d:\d\d", "14:02:11", f"{item['state']}: {item['reason']}")
     return f"| {title} | {line} | {item['remedy']} |"
 

@@ -178,7 +178,7 @@ def _silence(plc: Plc, _: Daemon) -> None:
     plc.silent = True
 
 
-BREAKERS: dict[Enable, Callable[[Plc, Daemon], None]] = {
+BREAKERS: dict[Enable, Step] = {
     Enable.BUS: lambda _, daemon: world_of(daemon).unplug("world"),
     Enable.NODE: lambda _, daemon: _first(daemon).node.power_off(),
     Enable.SUPPLY: lambda _, daemon: drive_of(daemon).model.disguises.insert(0, show_no_supply),
@@ -228,6 +228,23 @@ def shown(daemon: Daemon) -> Shown:
     )
 
 
+def _power_off(*nodes: int) -> Step:
+    def step(_: Plc, daemon: Daemon) -> None:
+        for node in nodes:
+            drive_of(daemon, node).node.power_off()
+
+    return step
+
+
+def _power_on(*nodes: int) -> Step:
+    def step(plc: Plc, daemon: Daemon) -> None:
+        for node in nodes:
+            drive_of(daemon, node).node.restart()
+        online(plc, daemon)
+
+    return step
+
+
 def _idle(plc: Plc, _: Daemon) -> None:
     """The PLC's program asks for nothing and has no control."""
     plc.endpoint.set(0, {"STW1": 0})
@@ -263,7 +280,6 @@ def _supply(_: Plc, daemon: Daemon) -> None:
 
 
 _OFF_BUS = ("Not on the bus: node 1 on bus can: ", "Check power, CAN cable, termination")
-_POWER_ON = both(lambda _, daemon: drive_of(daemon).node.restart(), online)
 _FAULT = ("Fault: EMCY 2310h over-current, since ", "short circuit", "then acknowledge (STW1.7)")
 SITUATIONS: dict[str, Situation] = {
     "the CAN adapter is unplugged": Situation(
@@ -273,10 +289,32 @@ SITUATIONS: dict[str, Situation] = {
         cure=both(lambda _, daemon: world_of(daemon).unplug("world", False), online),
     ),
     "the drive has no power, and the PLC is silent too": Situation(
-        begin=both(BREAKERS[Enable.NODE], _silence), says=_OFF_BUS, lacks=("PLC",), cure=_POWER_ON
+        begin=both(BREAKERS[Enable.NODE], _silence), says=_OFF_BUS, lacks=("PLC",), cure=_power_on(1)
     ),
     "the drive has no power, and the PLC idles": Situation(
-        begin=both(BREAKERS[Enable.NODE], _idle), says=_OFF_BUS, lacks=("PLC", "STW1"), cure=_POWER_ON
+        begin=both(BREAKERS[Enable.NODE], _idle), says=_OFF_BUS, lacks=("PLC", "STW1"), cure=_power_on(1)
+    ),
+    "three drives lose their power at one moment": Situation(
+        begin=_power_off(1, 2, 3),
+        says=(
+            "axes 1-3 Not on the bus: 3 of 3 nodes on bus can lost within ",
+            "CAN cable or supply",
+            "these nodes share",
+        ),
+        lacks=("no TPDO", "node-ID"),
+        cure=_power_on(1, 2, 3),
+        tables=axis(1) + axis(2) + axis(3),
+    ),
+    "the CAN cable is broken in front of two of three drives": Situation(
+        begin=_power_off(1, 2),
+        says=(
+            "axes 1-2 Not on the bus: 2 of 3 nodes on bus can lost within ",
+            "CAN cable or supply",
+            "these nodes share",
+        ),
+        lacks=("no TPDO", "node-ID"),
+        cure=_power_on(1, 2),
+        tables=axis(1) + axis(2) + axis(3),
     ),
     "the emergency stop has cut the supply of the power stage": Situation(
         begin=BREAKERS[Enable.SUPPLY],
