@@ -64,7 +64,7 @@ def watch(arguments: Sequence[str], *, interactive: bool, local: bool) -> tuple[
     """
     window = Window()
     process = subprocess.Popen(
-        [sys.executable, "-m", "pdgw", *arguments, "--progress", "--snapshots"],
+        [sys.executable, "-m", "pdgw", *arguments, "--progress"],
         stdin=subprocess.PIPE if interactive else subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         text=True,

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from ipaddress import IPv4Interface
 
+from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.controller.controller import Phase
@@ -13,7 +14,6 @@ from pdgw.peers.controller.project import Project
 from pdgw.peers.controller.running import RunningController
 from pdgw.peers.plc.client import PlcRunner
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.parameters import ParameterWorker
 from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram
 from pdgw.profinet.blocks.connect import TICK_NS
@@ -104,9 +104,11 @@ class ProfinetPlc(PlcRunner):
             controller.set_output(place, telegram.setpoints.encode(tuple(values.values())))
         self.endpoint.counters["sent"] += 1
 
-    def _worker(self) -> ParameterWorker:
+    def _open_parameters(self) -> ParameterClient:
         controller = self._controller
-        return ParameterWorker(controller.device_address, ar_uuid=controller.ar_uuid, device=controller.device_object)
+        return ParameterClient(
+            controller.device_address, 1, ar_uuid=controller.ar_uuid, device=controller.device_object
+        )
 
     def close(self) -> None:
         super().close()

@@ -1,30 +1,22 @@
-"""The PLC simulator on UDP: one thread sends in a fixed cycle, receives and traces; capture and parameters run beside it."""
+"""The PLC simulator on UDP: one thread sends in a fixed cycle and receives; capture and parameters run beside it."""
 
 from __future__ import annotations
 
 import abc
-import csv
 import select
 import socket
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import writing
+from pdgw.client.udp import ParameterClient
+from pdgw.durations import SECOND
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.parameters import ParameterWorker
 from pdgw.profidrive.frame import CYCLIC_PORT
-from pdgw.profidrive.signals import SignalQuantity
-from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-
-TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", "actual")
-_TRACE_NS = 10 * MS
 
 
 class PlcRunner(abc.ABC):
@@ -33,12 +25,10 @@ class PlcRunner(abc.ABC):
     def __init__(self, endpoint: PlcEndpoint, cycle_ns: int) -> None:
         self.endpoint = endpoint
         self.cycle_ns = cycle_ns
-        self.trace: list[tuple[Any, ...]] = []
         self.on_cycle: Callable[[], None] = lambda: None
-        self._parameters: ParameterWorker | None = None
+        self._parameters: ParameterClient | None = None
+        self._requests = ThreadPoolExecutor(1, "parameters")
         self._stopping = threading.Event()
-        self._trace_due = 0
-        self._start = 0
 
     @abc.abstractmethod
     def _wait(self, ns: int) -> None:
@@ -49,11 +39,12 @@ class PlcRunner(abc.ABC):
         """Send the setpoints, or with ``muted`` nothing in this cycle."""
 
     @abc.abstractmethod
-    def _worker(self) -> ParameterWorker:
+    def _open_parameters(self) -> ParameterClient:
         """Open the parameter channel."""
 
     def close(self) -> None:
-        """Release the link."""
+        """Release the link after the present parameter access, which has a timeout."""
+        self._requests.shutdown()
         if self._parameters is not None:
             self._parameters.close()
 
@@ -66,7 +57,7 @@ class PlcRunner(abc.ABC):
 
         A scenario ends, too, when an expectation fails and no gateway has answered until then.
         """
-        self._start = due = time.monotonic_ns()
+        due = time.monotonic_ns()
         while not self._stopping.is_set() and not (engine is not None and engine.finished):
             now = time.monotonic_ns()
             if now < due:
@@ -82,41 +73,10 @@ class PlcRunner(abc.ABC):
                     drive(engine.drive_commands.pop(0))
                 while engine.accesses:
                     if self._parameters is None:
-                        self._parameters = self._worker()
-                    self._parameters.submit(engine.accesses.pop(0))
+                        self._parameters = self._open_parameters()
+                    self._requests.submit(engine.accesses.pop(0).serve, self._parameters)
             self._send(muted=engine is not None and engine.muted)
-            self._sample(now)
             self.on_cycle()
-
-    def _sample(self, now: int) -> None:
-        if now < self._trace_due:
-            return
-        self._trace_due = now + _TRACE_NS
-        for index, item in enumerate(self.endpoint.telegrams):
-            actuals = self.endpoint.actuals[index]
-            if actuals is None:
-                continue
-            setpoints = self.endpoint.setpoints[index]
-            demand_name = _main_value(item.setpoints, item.mode)
-            actual_name = _main_value(item.actuals, item.mode)
-            self.trace.append(
-                (
-                    round((now - self._start) / SECOND, 4),
-                    index + 1,
-                    item.number,
-                    next(iter(setpoints.values())),
-                    next(iter(actuals.values())),
-                    setpoints[demand_name] if demand_name else 0,
-                    actuals[actual_name] if actual_name else 0,
-                )
-            )
-
-    def write_trace(self, path: Path) -> None:
-        """The samples as CSV; GatewayError when the file cannot be written."""
-        with writing(f"--trace {path}"), path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(TRACE_COLUMNS)
-            writer.writerows(self.trace)
 
 
 class PlcClient(PlcRunner):
@@ -153,12 +113,11 @@ class PlcClient(PlcRunner):
         super().close()
         self._socket.close()
 
-    def _worker(self) -> ParameterWorker:
-        capture, host = self._capture, self.gateway[0]
-        return ParameterWorker(
-            (host, self._acyclic_port),
-            None if capture is None else lambda local: capture(local, (host, ACYCLIC_PORT)),
-        )
+    def _open_parameters(self) -> ParameterClient:
+        client = ParameterClient((self.gateway[0], self._acyclic_port), 1)
+        if self._capture is not None:
+            client.tap = self._capture(client.local_address, (self.gateway[0], ACYCLIC_PORT))
+        return client
 
     def _send(self, *, muted: bool = False) -> None:
         if muted:
@@ -185,17 +144,3 @@ class PlcClient(PlcRunner):
                 continue
             self.endpoint.receive(data, time.monotonic_ns())
             self._record(False, data)
-
-
-_MAIN_QUANTITIES = {
-    ApplicationMode.VELOCITY: (SignalQuantity.SPEED,),
-    ApplicationMode.POSITIONING: (SignalQuantity.POSITION,),
-    ApplicationMode.TRANSPARENT: (SignalQuantity.SPEED,),
-    ApplicationMode.ENCODER: (SignalQuantity.SPEED, SignalQuantity.POSITION),
-}
-
-
-def _main_value(half: TelegramHalf, mode: ApplicationMode) -> str | None:
-    """The traced signal: the first with the quantity that the application mode controls or measures; None without one."""
-    signals = [item for item in half.signals if item.name != "Velocity Demand Value"]
-    return next((item.name for wanted in _MAIN_QUANTITIES[mode] for item in signals if item.quantity is wanted), None)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import queue
 import re
-import string
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -18,7 +17,7 @@ from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import ACTIONS, examples
 from pdgw.peers.plc.scenario_file import parse_step, scenario_of
-from pdgw.peers.plc.vocabulary import Word, words_of
+from pdgw.peers.plc.vocabulary import words_of
 
 StepKeys = Mapping[str, Any]
 """A step of a scenario, as its file has it."""
@@ -28,11 +27,8 @@ ALL: Final = "0"
 """Digits select an axis, this one selects all."""
 TYPE: Final = ":"
 """Starts a typed step, up to Enter: ``override 50 %``, ``mdi {to: 500}``."""
-BITS: Final = "t"
-"""The next key is the letter of a bit to toggle."""
 LIST: Final = "?"
 """Lists the words of the axis' telegram."""
-BIT_LETTERS: Final = string.ascii_lowercase + string.ascii_uppercase
 FASTER, SLOWER = "+", "-"
 CHANGED_BY_KEYS: Final = ("NSOLL_A", "NSOLL_B", "OVERRIDE")
 """``+`` and ``-`` change the first of these in the telegram by ``STEP_PERCENT``."""
@@ -150,8 +146,6 @@ class Keyboard:
         self._keys: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._typed: str | None = None
         """The line being typed."""
-        self._choosing = False
-        """The next key is the letter of a bit."""
         self._pending: list[list[_Job]] = [[] for _ in self._numbers]
         keys = {number: set(self.keys_of(self._numbers.index(number) + 1)) for number in dict.fromkeys(self._numbers)}
         self._available = [keys[number] for number in self._numbers]
@@ -191,26 +185,16 @@ class Keyboard:
         chosen = "all axes" if len(self._chosen) > 1 else f"axis {self._chosen[0]}"
         if self._typed is not None:
             return f"{chosen}  {TYPE}{self._typed}_   (Enter runs it, Esc cancels it)"
-        if self._choosing:
-            letters = "  ".join(f"{letter}={word.name}" for letter, word in zip(BIT_LETTERS, self._bits, strict=False))
-            return f"{chosen}, toggle:  {letters}"
         keys = [key for key in KEYS if any(key in self._available[axis - 1] for axis in self._chosen)]
         texts = [f"{shown(key)}={KEYS[key].text}" for key in keys]
         if len(self._numbers) > 1:
             texts.append(f"1..{min(9, len(self._numbers))}=axis, {ALL}=all")
-        if self._bits:
-            texts.append(f"{BITS}=toggle a bit")
         texts += [f"{TYPE}=type a word", f"{LIST}=words", f"{EXIT}=exit"]
         return f"{chosen}:  {'  '.join(texts)}"
 
     @property
     def _chosen(self) -> range:
         return range(1, len(self._numbers) + 1) if self.selected is None else range(self.selected, self.selected + 1)
-
-    @property
-    def _bits(self) -> list[Word]:
-        """Bits of the first selected axis that ``BITS`` toggles."""
-        return [word for word in words_of(self._numbers[self._chosen[0] - 1]).values() if word.switch]
 
     def _changed_by_keys(self, axis: int) -> str | None:
         names = self.endpoint.telegrams[axis - 1].setpoints.names
@@ -236,13 +220,8 @@ class Keyboard:
     def _execute(self, key: str, now: int) -> None:
         if self._typed is not None:
             self._type(key, now)
-        elif self._choosing:
-            self._choosing = False
-            self._toggle(key, now)
         elif key == TYPE:
             self._typed = ""
-        elif key == BITS and self._bits:
-            self._choosing = True
         elif key == LIST:
             self._list()
         elif key == EXIT:
@@ -289,17 +268,6 @@ class Keyboard:
         if len(refusals) == len(self._chosen):
             for text in dict.fromkeys(refusals):
                 self.report(text)
-
-    def _toggle(self, letter: str, now: int) -> None:
-        position = BIT_LETTERS.find(letter)
-        if not 0 <= position < len(self._bits):
-            return
-        word = self._bits[position]
-        on = int(not self._value(self._chosen[0], word.name))
-        for axis in self._chosen:
-            if word.name in words_of(self._numbers[axis - 1]):
-                self._do(axis, word.name, partial(dict, {"set": {word.key: on}}), now)
-        self.report(f"{word.key} = {on}: {word.meaning}")
 
     def _value(self, axis: int, name: str) -> int:
         word = words_of(self._numbers[axis - 1])[name]

@@ -30,25 +30,10 @@ class Word:
     signal: Signal
     bit: Bit | None = None
 
-    @property
-    def key(self) -> str:
-        """Name for ``set`` and ``expect``: ``NSOLL_A``, ``STW1.ON``."""
-        return self.signal.name if self.bit is None else f"{self.signal.name}.{self.bit.name}"
-
-    @property
-    def meaning(self) -> str:
-        """Meaning of the value, or of 1."""
-        return self.signal.description if self.bit is None else self.bit.meaning
-
     def of(self, values: Mapping[str, int]) -> int:
         """Its value, unsigned if it is a field."""
         raw = values[self.signal.name]
         return raw if self.bit is None else (raw & self.bit.mask) >> self.bit.position
-
-    @property
-    def switch(self) -> bool:
-        """Whether it is one bit."""
-        return self.bit is not None and self.bit.width == 1
 
 
 @cache

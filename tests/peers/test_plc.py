@@ -23,7 +23,7 @@ from pdgw.peers.controller.plc import ProfinetPlc
 from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
+from pdgw.peers.plc.exchange.parameters import ParameterAccess
 from pdgw.peers.plc.notation import parse_time
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.plc.scenario_file import load_scenario
@@ -315,13 +315,11 @@ def test_an_access_that_fails_in_an_unexpected_way_fails_its_step_and_not_the_ne
     def mistaken(*_: object) -> None:
         raise KeyError("a mistake")
 
-    worker = ParameterWorker(("127.0.0.1", 9))
-    target = parse_target("P922")
-    accesses = [ParameterAccess(1, (target,)) for _ in range(2)]
     monkeypatch.setattr(ParameterClient, "request", mistaken)
-    for access in accesses:
-        worker.submit(access)
-    worker.close()
+    accesses = [ParameterAccess(1, (parse_target("P922"),)) for _ in range(2)]
+    with ParameterClient(("127.0.0.1", 9), 1) as client:
+        for access in accesses:
+            access.serve(client)
     assert [(access.done, access.error) for access in accesses] == [(True, "KeyError('a mistake')")] * 2
 
 

@@ -9,10 +9,9 @@ from rich.console import Console
 
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.view import snapshot, tables
-from pdgw.peers.plc.keyboard import BIT_LETTERS, Keyboard
-from pdgw.peers.plc.vocabulary import words_of
+from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import TELEGRAMS, telegram
+from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.plc_window import Window
 
 CYCLE = 4_000_000
@@ -183,23 +182,6 @@ def test_the_reason_of_an_axis_is_shown_above_its_words() -> None:
     lines = [line.strip() for line in console.export_text().splitlines()]
     assert any(line.startswith("axis 1: no datagram from a gateway: start one") for line in lines)
     assert "axis 2: ON ignored" in lines
-
-
-@pytest.mark.parametrize("number", sorted(set(TELEGRAMS) - {100}))
-def test_every_bit_that_a_telegram_sends_is_toggled_by_a_letter(number: int) -> None:
-    desk = Desk(number)
-    switches = [word for word in words_of(number).values() if word.switch]
-    assert switches
-    for letter, word in zip(BIT_LETTERS, switches, strict=False):
-        assert word.bit is not None
-        for wanted in (1, 0):
-            desk.keys(f"t{letter}")
-            desk.cycles(2)
-            assert word.bit.of(desk.plc.setpoints[0][word.signal.name]) == wanted, word.key
-        desk.keys("t")
-        assert f"{letter}={word.name}" in desk.keyboard.help
-        desk.keys("\x1b")
-    assert len(switches) <= len(BIT_LETTERS)
 
 
 def test_a_typed_word_is_a_step_of_a_scenario() -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import queue
 import struct
-import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from pdgw.durations import SECOND, US
@@ -28,26 +27,26 @@ class Capture:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._failure: Exception | None = None
-        self._frames: queue.SimpleQueue[tuple[int, bytes] | None] = queue.SimpleQueue()
         try:
             self._file = path.open("wb")
         except OSError as error:
             raise self._unwritable(error) from error
-        self._thread = threading.Thread(target=self._write, name="capture", daemon=True)
-        self._thread.start()
+        self._writer = ThreadPoolExecutor(1, "capture")
+        self._writer.submit(self._write, _FILE)
 
     def conversation(self, local: Address, remote: Address) -> Callable[[bool, bytes], None]:
         """A function that records the datagrams (sent, data) between two addresses; callable from any thread."""
 
         def take(sent: bool, data: bytes) -> None:
             ends = (f"{host}:{port}" for host, port in ((local, remote) if sent else (remote, local)))
-            self._frames.put((time.time_ns(), udp_header(*ends, len(data)) + data))
+            packet = udp_header(*ends, len(data)) + data
+            seconds, rest = divmod(time.time_ns(), SECOND)
+            self._writer.submit(self._write, _PACKET.pack(seconds, rest // US, len(packet), len(packet)) + packet)
 
         return take
 
     def close(self) -> None:
-        self._frames.put(None)
-        self._thread.join()
+        self._writer.shutdown()
         try:
             self._file.close()
         except OSError as error:
@@ -59,17 +58,10 @@ class Capture:
         why = getattr(error, "strerror", None) or repr(error)
         return GatewayError(f"--pcap {self._path}: cannot be written ({why})")
 
-    def _write(self) -> None:
-        try:
-            self._write_frames()
-        except Exception as error:  # after any error the capture is incomplete
-            self._failure = error
-            while self._frames.get() is not None:
-                continue  # discard the rest, because it cannot be written
-
-    def _write_frames(self) -> None:
-        self._file.write(_FILE)
-        while (item := self._frames.get()) is not None:
-            when, packet = item
-            seconds, rest = divmod(when, SECOND)
-            self._file.write(_PACKET.pack(seconds, rest // US, len(packet), len(packet)) + packet)
+    def _write(self, data: bytes) -> None:
+        """Write until the first error, after which the capture is incomplete."""
+        if self._failure is None:
+            try:
+                self._file.write(data)
+            except Exception as error:  # of any kind: the capture is incomplete
+                self._failure = error

@@ -14,7 +14,7 @@ from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.keyboard import ALL, BITS, EXIT, KEYS, LIST, TYPE, Keyboard, shown
+from pdgw.peers.plc.keyboard import ALL, EXIT, KEYS, LIST, TYPE, Keyboard, shown
 from pdgw.peers.plc.scenario import ACTIONS, Step, examples
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
@@ -76,8 +76,7 @@ def generate_steps() -> str:
     general = (
         ("1..9", "selects an axis"),
         (ALL, "all axes"),
-        (BITS, "toggle a bit: the screen shows a letter for every bit that the telegram sends"),
-        (TYPE, "type a step and Enter: `:override 50 %`, `:mdi {to: 5000}`, `:reject`; Esc cancels"),
+        (TYPE, "type a step and Enter: `:override 50 %`, `:tracking`, `:mdi {to: 5000}`, `:reject`; Esc cancels"),
         (LIST, "the words of the telegram"),
         (EXIT, "ends"),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import threading
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from pdgw.peers.plc.client import PlcRunner
     from pdgw.peers.plc.engine import Engine, Result
     from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-    from pdgw.tools.output.plc_capture import Capture
     from pdgw.tools.output.reports import Report
 
 _SNAPSHOT_NS = 100 * MS
@@ -79,9 +79,6 @@ def plc(
     pcap: Annotated[
         Path | None, typer.Option(callback=to_be_written, help="Record both directions to this file.")
     ] = None,
-    trace: Annotated[
-        Path | None, typer.Option(callback=to_be_written, help="Write sampled values to this CSV file.")
-    ] = None,
     as_json: Annotated[
         Path | None, typer.Option("--json", callback=to_be_written, help="Write the results to this file.")
     ] = None,
@@ -100,10 +97,12 @@ def plc(
     device_ip: Annotated[
         str, typer.Option(metavar="IP/PREFIX", help="With --profinet: IP address to set in the station.")
     ] = "192.168.0.2/24",
-    progress: Annotated[bool, typer.Option("--progress", help="Print one JSON line per step and expectation.")] = False,
-    snapshots: Annotated[
+    progress: Annotated[
         bool,
-        typer.Option("--snapshots", help="With --progress: also the actual values of the PLC, ten times a second."),
+        typer.Option(
+            "--progress",
+            help="Print JSON lines: steps, expectations, and ten times a second the actual values of the PLC.",
+        ),
     ] = False,
 ) -> None:
     """Simulate a PLC with a scenario (exit status 1 if an expectation fails) or the keyboard."""
@@ -134,57 +133,35 @@ def plc(
     numbers = chosen.telegrams if chosen else telegrams_of_axes(telegram, axes)
     cycle_ns = int(cycle_ms * MS)
     endpoint = PlcEndpoint([telegram_of(number) for number in numbers], cycle_ns)
-    client: PlcRunner
-    capture: Capture | None = None
-    if profinet is None:
-        capture = Capture(pcap) if pcap is not None else None
-        capture = Capture(pcap) if pcap is not None else None
-        record = capture.conversation if capture is not None else None
-        client = PlcClient(address, endpoint, cycle_ns, record, acyclic_port)
-    else:
-        if pcap is not None:
-            raise GatewayError("--pcap: not allowed with --profinet; record the interface instead (dumpcap, tcpdump)")
-        client = _connected(profinet, name, device_ip, endpoint, cycle_ns)
+    if profinet is not None and pcap is not None:
+        raise GatewayError("--pcap: not allowed with --profinet; record the interface instead (dumpcap, tcpdump)")
     engine = Engine(chosen, endpoint) if chosen else None
-    output = Output(endpoint, _SILENCE_NS // cycle_ns, as_lines=progress, snapshots=snapshots)
-    end_as_by_ctrl_c()  # complete the capture before the end
-    begin_s = time.time()
-    ended = 0
-    try:
-        if engine is None:
-            _run_keys(client, endpoint, output)
+    output = Output(endpoint, _SILENCE_NS // cycle_ns, as_lines=progress)
+    with contextlib.ExitStack() as recording:  # an incomplete capture is reported after the results
+        client: PlcRunner
+        if profinet is None:
+            capture = recording.enter_context(contextlib.closing(Capture(pcap))) if pcap is not None else None
+            client = PlcClient(
+                address, endpoint, cycle_ns, None if capture is None else capture.conversation, acyclic_port
+            )
         else:
-            client.on_cycle = lambda: output.show(engine, engine.current)
-            client.run(engine, partial(_drive, drive_port))
-            output.show(engine, engine.current)
-    except KeyboardInterrupt:
-        ended = 130
-    finally:
-        unwritten = _close(client, capture, trace)
-    try:
-        if ended:
-            raise typer.Exit(ended)
+            client = _connected(profinet, name, device_ip, endpoint, cycle_ns)
+        end_as_by_ctrl_c()  # complete the capture before the end
+        begin_s = time.time()
+        try:
+            if engine is None:
+                _run_keys(client, endpoint, output)
+            else:
+                client.on_cycle = lambda: output.show(engine, engine.current)
+                client.run(engine, partial(_drive, drive_port))
+                output.show(engine, engine.current)
+        except KeyboardInterrupt:
+            raise typer.Exit(130) from None
+        finally:
+            client.close()
         if engine is not None and scenario is not None:
             _report(engine, scenario, gateway if profinet is None else name).write(junit, html)
             _finish(engine, as_json, begin_s, progress=progress)
-    finally:
-        if unwritten is not None:
-            raise unwritten
-
-
-def _close(client: PlcRunner, capture: Capture | None, trace: Path | None) -> GatewayError | None:
-    """Close the link. Return the error of an incomplete capture or trace, to be printed after the results."""
-    try:
-        client.close()
-        try:
-            if capture is not None:
-                capture.close()
-        finally:
-            if trace is not None:
-                client.write_trace(trace)
-    except GatewayError as error:
-        return error
-    return None
 
 
 def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
@@ -263,13 +240,12 @@ def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: b
 class Output:
     """Output while the PLC runs: JSON lines, or notes and failures as text."""
 
-    def __init__(self, endpoint: PlcEndpoint, patience: int, *, as_lines: bool, snapshots: bool) -> None:
+    def __init__(self, endpoint: PlcEndpoint, patience: int, *, as_lines: bool) -> None:
         """``patience``: frames without an answer before this is reported, once."""
         self._endpoint = endpoint
         self._patience: int | None = patience
-        self._as_lines = as_lines
-        self.draws = as_lines and snapshots
-        """Snapshots are printed; their title lists the keys."""
+        self.as_lines = as_lines
+        """The title of the snapshots lists the keys."""
         self._due = 0
         self._notes = self._results = 0
 
@@ -285,9 +261,9 @@ class Output:
             self._notes, self._results = len(engine.notes), len(engine.results)
         if self._patience is not None and self._endpoint.counters["sent"] >= self._patience:
             self._patience = None
-            if not self._endpoint.counters["received"] and not self.draws:  # snapshots show it
+            if not self._endpoint.counters["received"] and not self.as_lines:  # snapshots show it
                 self.message(self._endpoint.why_no_values(0))
-        if self.draws and time.monotonic_ns() >= self._due:
+        if self.as_lines and time.monotonic_ns() >= self._due:
             self._due = time.monotonic_ns() + _SNAPSHOT_NS
             self._print({"snapshot": snapshot(self._endpoint, title)})
 
@@ -298,7 +274,7 @@ class Output:
     def _print(self, document: dict[str, Any]) -> None:
         from pdgw.peers.plc.exchange.view import line_of
 
-        if self._as_lines:
+        if self.as_lines:
             print(json.dumps(document), flush=True)
         elif line := line_of(document):
             print(line, file=sys.stderr if "told" in document else sys.stdout, flush=True)
@@ -314,7 +290,7 @@ def _run_keys(client: PlcRunner, endpoint: PlcEndpoint, output: Output) -> None:
         keyboard.step(time.monotonic_ns())
         output.show(None, keyboard.help)
 
-    if not output.draws:
+    if not output.as_lines:
         output.message(keyboard.help)
     client.on_cycle = cycle
     threading.Thread(target=_read_keys, args=(keyboard.press, client.stop), daemon=True).start()
