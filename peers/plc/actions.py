@@ -8,7 +8,6 @@ each action with its program.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple
 
@@ -17,12 +16,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from pdgw.durations import MS
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.blocks import HIGHEST_BLOCK
 from pdgw.peers.plc.exchange.following import Follow, can_follow
-from pdgw.peers.plc.notation import Scalar, parse_time
+from pdgw.peers.plc.notation import Scalar
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import TELEGRAMS, Telegram
-from pdgw.profidrive.words import Bit
 
 if TYPE_CHECKING:
     from pdgw.peers.plc.engine import Engine
@@ -49,7 +46,7 @@ class Access(NamedTuple):
     write: bool
 
 
-Order = Callable[["Engine", int], None]
+Order = Callable[["Engine", int], object]
 """A change of the engine or its endpoint; the integer is the axis, from 0."""
 Program = Sequence[Set | Wait | Access | Follow | Order | int]
 """An integer is a pause in nanoseconds."""
@@ -92,63 +89,32 @@ def _by(**programs: Program) -> Action:
     return program
 
 
-def _only(numbers: Sequence[int], program: Action) -> Action:
-    """A program that is possible with these telegrams."""
+def _only(*numbers: int) -> Callable[[Action], Action]:
+    """Mark a program as possible only with these telegrams."""
 
-    def checked(chosen: Telegram, value: object) -> Program:
-        if chosen.number not in numbers:
-            raise _impossible(chosen, numbers)
-        return program(chosen, value)
+    def marked(program: Action) -> Action:
+        def checked(chosen: Telegram, value: object) -> Program:
+            if chosen.number not in numbers:
+                raise _impossible(chosen, numbers)
+            return program(chosen, value)
 
-    return checked
+        return checked
+
+    return marked
+
+
+_positioner = _only(*POSITIONER_TELEGRAM_NUMBERS)
+_with_tasks = _only(*TASK_TELEGRAM_NUMBERS)
 
 
 def _bit(name: str, value: int = 0) -> Action:
     """One bit of the telegrams with traversing tasks."""
-    return _only(TASK_TELEGRAM_NUMBERS, lambda *_: [Set({name: value})])
+    return _with_tasks(lambda *_: [Set({name: value})])
 
 
-# -- any value of the telegram, parameters, environment --------------------------------------------------------------
-
-
-def set_(_: Telegram, values: Mapping[str, Scalar]) -> Program:
-    """Setpoints of one frame."""
-    return [Set(values)]
-
-
-def expect(_: Telegram, values: Mapping[str, Scalar]) -> Program:
-    """Actual values."""
-    return [Wait(values)]
-
-
-def read(_: Telegram, values: Mapping[str, Scalar]) -> Program:
-    """Parameters with these values."""
-    return [Access(values, write=False)]
-
-
-def write(_: Telegram, values: Mapping[str, Scalar]) -> Program:
-    """Parameters."""
-    return [Access(values, write=True)]
-
-
-def hold(_: Telegram, text: str) -> Program:
-    """A pause."""
-    return [parse_time(text)]
-
-
-def mute(_: Telegram, muted: bool) -> Program:
-    """Send nothing."""
-    return [lambda engine, _: setattr(engine, "muted", muted)]
-
-
-def run(_: Telegram, running: bool) -> Program:
-    """The provider state."""
-    return [lambda engine, _: setattr(engine.endpoint, "run", running)]
-
-
-def drive(_: Telegram, line: str) -> Program:
-    """A command for the simulated devices."""
-    return [lambda engine, _: engine.drive_commands.append(line)]
+def order(change: Callable[[Engine, Any], object]) -> Action:
+    """A change of the engine by the value in the scenario."""
+    return lambda _, value: [lambda engine, _: change(engine, value)]
 
 
 # -- power and faults -------------------------------------------------------------------------------------------------
@@ -223,17 +189,13 @@ def follow(chosen: Telegram, wish: Follow) -> Program:
     return [wish]
 
 
-def _count(engine: Engine, axis: int, *, name: str, bit: Bit | None) -> None:
-    engine.endpoint.count(axis, name, bit)
-
-
 def sign_of_life(chosen: Telegram, counts: bool) -> Program:
     """Start or stop the counter in the first word that has one."""
-    for item in chosen.setpoints.signals:
-        for bit in item.bits:
-            if bit.name == "SIGN_OF_LIFE":
-                return [partial(_count, name=item.name, bit=bit if counts else None)]
-    raise GatewayError(f"not possible with telegram {chosen.number}: it has no sign of life")
+    words = [(item.name, bit) for item in chosen.setpoints.signals for bit in item.bits if bit.name == "SIGN_OF_LIFE"]
+    if not words:
+        raise GatewayError(f"not possible with telegram {chosen.number}: it has no sign of life")
+    name, bit = words[0]
+    return [lambda engine, axis: engine.endpoint.count(axis, name, bit if counts else None)]
 
 
 # -- traversing tasks -------------------------------------------------------------------------------------------------
@@ -329,7 +291,9 @@ def _mdi_mode(chosen: Telegram, direction: str | None, *, absolute: bool) -> dic
     }
 
 
-def _mdi(chosen: Telegram, task: Mdi) -> Program:
+@_positioner
+def mdi(chosen: Telegram, task: Mdi) -> Program:
+    """A task with position and velocity."""
     form = _one_of(chosen, "MDI_TARPOS", "MDI_TARPOS_F").removeprefix("MDI_TARPOS")
     if task.velocity is None and form:
         raise GatewayError(
@@ -349,7 +313,9 @@ def _mdi(chosen: Telegram, task: Mdi) -> Program:
     return _task(chosen, values, update=task.update)
 
 
-def _setting_up(chosen: Telegram, wish: SettingUp) -> Program:
+@_positioner
+def setting_up(chosen: Telegram, wish: SettingUp) -> Program:
+    """A motion with a signed velocity."""
     form = "_F" if "MDI_TARPOS_F" in chosen.setpoints.names else ""
     _one_of(chosen, "POS_STW1")
     values: dict[str, Scalar] = {
@@ -363,9 +329,9 @@ def _setting_up(chosen: Telegram, wish: SettingUp) -> Program:
     return _task(chosen, values)
 
 
-def _block(chosen: Telegram, number: int) -> Program:
-    if not 0 <= number <= HIGHEST_BLOCK:
-        raise GatewayError(f"block = {number} is not allowed, expected 0..{HIGHEST_BLOCK}")
+@_positioner
+def block(chosen: Telegram, number: int) -> Program:
+    """A traversing block."""
     word = _selection(chosen)
     return _task(chosen, {f"{word}.BLOCK": number, f"{word}.MDI": 0})
 
@@ -374,7 +340,8 @@ def _jog_values(which: int) -> dict[str, Scalar]:
     return {"STW1.JOG_1_ON": int(which == 1), "STW1.JOG_2_ON": int(which == 2)}
 
 
-def _jog(chosen: Telegram, which: int) -> Program:
+@_only(*SPEED_TELEGRAM_NUMBERS, *POSITIONER_TELEGRAM_NUMBERS)
+def jog(chosen: Telegram, which: int) -> Program:
     """The end of a jog with a speed telegram sets speed 0, so that the axis does not turn with an earlier setpoint."""
     if chosen.number in SPEED_TELEGRAM_NUMBERS:
         ramp = ("STW1.ENABLE_RAMP_GENERATOR", "STW1.UNFREEZE_RAMP_GENERATOR", "STW1.ENABLE_SETPOINT")
@@ -385,17 +352,22 @@ def _jog(chosen: Telegram, which: int) -> Program:
     return [Set(values)]
 
 
-def _jog_distance(chosen: Telegram, which: int) -> Program:
+@_positioner
+def jog_distance(chosen: Telegram, which: int) -> Program:
+    """An incremental jog."""
     word = _one_of(chosen, "POS_STW2", "POS_STW")
     return [Set({**_READY, **_jog_values(which), f"{word}.JOG_INCREMENTAL": 1}, _override(chosen))]
 
 
-def _set_reference(chosen: Telegram, _: object) -> Program:
+@_positioner
+def set_reference(chosen: Telegram, _: object) -> Program:
+    """Set the reference point."""
     bit = f"{_one_of(chosen, 'POS_STW2', 'POS_STW')}.SET_REFERENCE_POINT"
     return [Set({bit: 1}), _PULSE_NS, Wait({"ZSW1.HOME_POSITION_SET": 1}, "reference point set"), Set({bit: 0})]
 
 
-def _home(chosen: Telegram, wish: Home) -> Program:
+@_with_tasks
+def home(chosen: Telegram, wish: Home) -> Program:
     """Homing, active or passive (waits for the probe's edge). Except with telegram 9 the configuration has method and speeds."""
     start = {"STW1.START_HOMING": 1}
     bits = {"POS_STW2.PASSIVE_HOMING": wish.passive, "POS_STW2.HOMING_NEGATIVE": wish.negative}
@@ -414,17 +386,9 @@ def _home(chosen: Telegram, wish: Home) -> Program:
     return [Set(method), Set({"SATZANW.MDI": 1, **start})]
 
 
-mdi = _only(POSITIONER_TELEGRAM_NUMBERS, _mdi)
-setting_up = _only(POSITIONER_TELEGRAM_NUMBERS, _setting_up)
-block = _only(POSITIONER_TELEGRAM_NUMBERS, _block)
-next_block = _only(
-    POSITIONER_TELEGRAM_NUMBERS,
-    lambda *_: [Set({"STW1.EXTERNAL_BLOCK_CHANGE": 1}), _PULSE_NS, Set({"STW1.EXTERNAL_BLOCK_CHANGE": 0})],
+next_block = _positioner(
+    lambda *_: [Set({"STW1.EXTERNAL_BLOCK_CHANGE": 1}), _PULSE_NS, Set({"STW1.EXTERNAL_BLOCK_CHANGE": 0})]
 )
-jog = _only((*SPEED_TELEGRAM_NUMBERS, *POSITIONER_TELEGRAM_NUMBERS), _jog)
-jog_distance = _only(POSITIONER_TELEGRAM_NUMBERS, _jog_distance)
-set_reference = _only(POSITIONER_TELEGRAM_NUMBERS, _set_reference)
-home = _only(TASK_TELEGRAM_NUMBERS, _home)
 home_end = _bit("STW1.START_HOMING")
 reject = _bit("STW1.DO_NOT_REJECT")
 intermediate_stop = _bit("STW1.NO_INTERMEDIATE_STOP")

@@ -16,9 +16,9 @@ from pydantic import ConfigDict, Field, model_validator
 
 from pdgw.explain import misplaced
 from pdgw.peers.plc import actions
-from pdgw.peers.plc.actions import Action, Home, Mdi, Measuring, Model, Move, Reading, SettingUp
+from pdgw.peers.plc.actions import Access, Action, Home, Mdi, Measuring, Model, Move, Reading, Set, SettingUp, Wait
 from pdgw.peers.plc.exchange.following import Follow
-from pdgw.peers.plc.notation import Scalar
+from pdgw.peers.plc.notation import Scalar, parse_time
 from pdgw.peers.plc.vocabulary import telegrams_of
 from pdgw.phrases import did_you_mean
 from pdgw.profidrive.errors import ProfidriveError
@@ -107,21 +107,37 @@ class Step(Model):
     """the sign of life in STW2 counts with each frame (true) or stops (false)"""
     preset: Annotated[Literal["absolute", "relative"] | None, actions.preset, Field(examples=["absolute"])] = None
     """preset of an encoder; the value is parameter 65000"""
-    read: Annotated[_Parameters, actions.read, Field(examples=[{"P947.0": 0}])] = None
+    read: Annotated[_Parameters, lambda _, values: [Access(values, write=False)], Field(examples=[{"P947.0": 0}])] = (
+        None
+    )
     """expected values of parameters, as in ``expect``; repeated until they match"""
-    write: Annotated[_Parameters, actions.write, Field(examples=[{"6083h": 250}])] = None
+    write: Annotated[_Parameters, lambda _, values: [Access(values, write=True)], Field(examples=[{"6083h": 250}])] = (
+        None
+    )
     """write parameters; ``refused`` is the expected error number"""
-    set: Annotated[_Values, actions.set_, Field(examples=[{"STW1.ON": 0}])] = None
+    set: Annotated[_Values, lambda _, values: [Set(values)], Field(examples=[{"STW1.ON": 0}])] = None
     """set setpoints and bits, by signal or by name"""
-    expect: Annotated[_Values, actions.expect, Field(examples=[{"NIST_A": "1500 rpm +- 10 rpm"}])] = None
+    expect: Annotated[_Values, lambda _, values: [Wait(values)], Field(examples=[{"NIST_A": "1500 rpm +- 10 rpm"}])] = (
+        None
+    )
     """expected actual values; the step waits for them (``within``)"""
-    hold: Annotated[str | None, actions.hold, Field(examples=["500 ms"])] = None
+    hold: Annotated[str | None, lambda _, text: [parse_time(text)], Field(examples=["500 ms"])] = None
     """a pause"""
-    mute: Annotated[bool | None, actions.mute, Field(examples=[True])] = None
+    mute: Annotated[
+        bool | None, actions.order(lambda engine, muted: setattr(engine, "muted", muted)), Field(examples=[True])
+    ] = None
     """send nothing, as an unplugged PLC"""
-    run: Annotated[bool | None, actions.run, Field(examples=[False])] = None
+    run: Annotated[
+        bool | None,
+        actions.order(lambda engine, running: setattr(engine.endpoint, "run", running)),
+        Field(examples=[False]),
+    ] = None
     """provider state RUN or STOP"""
-    drive: Annotated[str | None, actions.drive, Field(examples=["@1 fault 7"])] = None
+    drive: Annotated[
+        str | None,
+        actions.order(lambda engine, line: engine.drive_commands.append(line)),
+        Field(examples=["@1 fault 7"]),
+    ] = None
     """a command for the simulated devices, as for `pdgw sim inject`"""
 
     @model_validator(mode="before")

@@ -33,50 +33,44 @@ class _Loader(yaml.SafeLoader):
 def _document(text: str) -> Any:
     """Parse YAML; GatewayError for invalid text."""
     try:
-        return yaml.load(text, _Loader)
+        document = yaml.load(text, _Loader)
     except (yaml.YAMLError, ValueError) as error:  # an invalid date and a number of 5000 digits are ValueErrors
         raise GatewayError(f"not valid YAML: {' '.join(str(error).split())}") from error
     except RecursionError:
         raise GatewayError("not valid YAML: nested too deeply") from None
+    check_depth(document, "YAML")
+    return document
 
 
 def parse_step(text: str) -> dict[str, Any]:
     """Parse a typed step: a word and its value, ``override 50 %``; the default value is true. GatewayError for invalid YAML."""
     name, _, value = text.strip().partition(" ")
-    document = _document(value) if value.strip() else True
-    check_depth(document, name)
-    return {name.removesuffix(":"): document}
+    return {name.removesuffix(":"): _document(value) if value.strip() else True}
+
+
+def _validated(document: Any) -> Scenario:
+    """The scenario in a document; GatewayError has one line for each error."""
+    try:
+        return Scenario.model_validate(document)
+    except ValidationError as error:
+        raise GatewayError("\n".join(_step_problem(problem) for problem in problems(error, Scenario))) from error
 
 
 def scenario_of(
     telegrams: Sequence[int], steps: Sequence[Mapping[str, Any]], references: Mapping[str, float] = MappingProxyType({})
 ) -> Scenario:
     """Build a scenario from steps without a file; GatewayError describes errors."""
-    document = {"telegrams": list(telegrams), "steps": [dict(step) for step in steps], "references": dict(references)}
-    try:
-        return Scenario.model_validate(document)
-    except ValidationError as error:
-        raise GatewayError("; ".join(_step_problem(problem) for problem in problems(error, Scenario))) from error
+    return _validated({"telegrams": telegrams, "steps": steps, "references": references})
 
 
 def load_scenario(path: Path) -> Scenario:
     """Read and validate a file; GatewayError names step, key, value and what is allowed."""
     text = read_text(path)
     try:
-        document = _document(text)
-    except GatewayError as error:
-        raise GatewayError(f"{path}: {error}") from error
-    check_depth(document, str(path))
-    try:
-        scenario = Scenario.model_validate(document)
-    except ValidationError as error:
-        raise GatewayError(
-            "\n".join(f"{path}: {_step_problem(problem)}" for problem in problems(error, Scenario))
-        ) from error
-    try:
+        scenario = _validated(_document(text))
         Engine(scenario, PlcEndpoint([telegram(number) for number in scenario.telegrams], MS))
     except GatewayError as error:
-        raise GatewayError(f"{path}: {error}") from error
+        raise GatewayError("\n".join(f"{path}: {line}" for line in str(error).splitlines())) from error
     return scenario
 
 

@@ -110,7 +110,7 @@ def test_bits_with_a_counting_edge_stay_set_for_many_cycles() -> None:
         (110, {"mdi": {"to": 1, "update": True}}, "update is not possible with telegram 110"),
         (110, {"setting_up": {"velocity": 1}}, "not possible with telegram 110: it has no POS_STW1"),
         (7, {"set_reference": True}, "not possible with telegram 7: it has no POS_STW2 or POS_STW"),
-        (111, {"block": 128}, "block = 128 is not allowed, expected 0..127"),
+        (111, {"block": 128}, "POS_STW1.BLOCK = 128: expected 0..127"),
         (7, {"block": 64}, "SATZANW.BLOCK = 64: expected 0..63"),
     ],
 )

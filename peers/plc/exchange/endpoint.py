@@ -142,7 +142,7 @@ class PlcEndpoint:
         return True
 
     def accept(self, actuals: Sequence[Sequence[int] | None], used: Sequence[bool], now: int) -> None:
-        """Store data from another link: each axis' values (None: IOPS BAD), and whether its setpoints are used (IOCS)."""
+        """Store data of a link: each axis' values (None: IOPS BAD), and whether its setpoints are used (IOCS)."""
         self._last_counter = 0
         self._last_time = now
         self.counters["received"] += 1
@@ -171,11 +171,10 @@ class PlcEndpoint:
         if not frame.data_status & STATUS_PRIMARY:
             self.counters["not primary"] += 1
             return False
+        actuals = [
+            half.decode(data, offset) if data[iops] & IOPS_GOOD else None
+            for half, offset, iops in zip(layout.halves, layout.offsets, layout.iops, strict=True)
+        ]
+        self.accept(actuals, [bool(data[iocs] & IOPS_GOOD) for iocs in layout.iocs], now)
         self._last_counter = frame.cycle_counter
-        self._last_time = now
-        self.counters["received"] += 1
-        for index, half in enumerate(layout.halves):
-            good = bool(data[layout.iops[index]] & IOPS_GOOD)
-            self.actuals[index] = half.as_dict(half.decode(data, layout.offsets[index])) if good else None
-            self.setpoints_used[index] = bool(data[layout.iocs[index]] & IOPS_GOOD)
         return True

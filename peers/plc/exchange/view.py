@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from typing import Any
 
 from rich import box
@@ -53,11 +54,8 @@ def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType
         grid = Table(
             "setpoint", "", "actual value", "", title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
         )
-        sent = list(texts(chosen.setpoints, axis["setpoints"]).items())
-        got = list(texts(chosen.actuals, axis["actuals"] or {}).items())
-        for row in range(max(len(sent), len(got))):
-            left = sent[row] if row < len(sent) else ("", "")
-            right = got[row] if row < len(got) else ("", "")
+        sent, received = texts(chosen.setpoints, axis["setpoints"]), texts(chosen.actuals, axis["actuals"] or {})
+        for left, right in zip_longest(sent.items(), received.items(), fillvalue=("", "")):
             grid.add_row(*left, *right)
         parts.append(grid)
     return Group(*parts)
