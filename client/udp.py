@@ -33,7 +33,7 @@ from pdgw.profidrive.parameters.codec import (
 from pdgw.profinet.blocks.connect import ACTIVE_BY_INITIATOR, DEVICE_ACCESS, LT_RT, ArBlockReq, ArType
 from pdgw.profinet.blocks.control import ControlCommand, ReleaseReq
 from pdgw.profinet.rpc import epm
-from pdgw.profinet.rpc.client import RecordCaller, RpcCall
+from pdgw.profinet.rpc.client import RecordCaller, RecordResult, RpcCall, ServiceResult
 from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX, RpcHeader, object_uuid
 from pdgw.profinet.rpc.identification import INDEX, PROFILE_ID, SIGNATURE, TEXT_FIELDS, Im0, decode_im, decode_im0
 from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError, Operation
@@ -51,6 +51,7 @@ _ENTRIES_MAX: Final = 16
 _GROUP_BIT: Final = 1 << 40
 
 R = TypeVar("R")
+Answer = TypeVar("Answer", RecordResult, ServiceResult)
 
 
 class Channel(Protocol):
@@ -124,7 +125,6 @@ class ParameterClient:
         *,
         slot: int = 1,
         subslot: int = 1,
-        api: int = PROFILE_ID,
         local: bool = False,
         ar_uuid: uuid.UUID = NIL,
         device: uuid.UUID | None = None,
@@ -134,7 +134,7 @@ class ParameterClient:
     ) -> None:
         self.do_id = do_id
         self.address = address
-        self._place = (api, slot, subslot)
+        self._place = (PROFILE_ID if slot else 0, slot, subslot)  # slot 0 has no profile
         self._index = RECORD_LOCAL if local else RECORD_GLOBAL
         self._timeout_s = timeout_s
         self._caller = RecordCaller(activity or uuid.uuid4(), device or object_uuid(1, 0, 0), ar_uuid)
@@ -174,9 +174,7 @@ class ParameterClient:
             rt_port=LT_RT,
             station_name=_NAME,
         )
-        result = self.call(caller.service(Operation.CONNECT, block.encode()))
-        if result.status.value:
-            raise GatewayError(f"{self._name}: the device rejects device access: {result.status.text}")
+        self._succeeded(self.call(caller.service(Operation.CONNECT, block.encode())), "device access")
         self._caller, self._connected = caller, True
 
     def _station(self, caller: RecordCaller) -> uuid.UUID:
@@ -245,18 +243,20 @@ class ParameterClient:
     def _name(self) -> str:
         return f"{self.address[0]}:{self.address[1]}"
 
-    def read_record(self, index: int, *, implicit: bool = False) -> bytes:
+    def read_record(self, index: int) -> bytes:
         """Any record of the access point's subslot; GatewayError with the PNIO status when it is refused."""
-        result = self.call(self._caller.read(*self._place, index, implicit=implicit))
-        if result.status.value:
-            raise GatewayError(f"{self._name}: reading record {index:04X}h failed: {result.status.text}")
-        return result.data
+        result = self.call(self._caller.read(*self._place, index))
+        return self._succeeded(result, f"reading record {index:04X}h").data
 
     def write_record(self, index: int, data: bytes) -> None:
         """As ``read_record``."""
-        result = self.call(self._caller.write(*self._place, index, data))
+        self._succeeded(self.call(self._caller.write(*self._place, index, data)), f"writing record {index:04X}h")
+
+    def _succeeded(self, result: Answer, what: str) -> Answer:
+        """The result; GatewayError with the PNIO status of a rejection."""
         if result.status.value:
-            raise GatewayError(f"{self._name}: writing record {index:04X}h failed: {result.status.text}")
+            raise GatewayError(f"{self._name}: {what} failed: {result.status.text}")
+        return result
 
     # -- parameters ---------------------------------------------------------------------------------------------------
 
@@ -267,10 +267,8 @@ class ParameterClient:
         pause = _POLL_S
         while True:
             result = self.call(self._caller.read(*self._place, self._index))
-            if not result.status.value:
-                return result.data
             if result.status.code1 != AccessError.STATE_CONFLICT:
-                raise GatewayError(f"{self._name}: reading the response failed: {result.status.text}")
+                return self._succeeded(result, "reading the response").data
             if self._channel.now() > deadline:
                 raise GatewayError(f"{self._name}: no response within {self._timeout_s:g} s")
             self._channel.sleep(pause)

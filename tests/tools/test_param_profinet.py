@@ -66,8 +66,8 @@ def test_station_reports_its_controller_for_every_query(tmp_path: Path) -> None:
 
 
 def test_the_identification_of_a_station_is_that_of_its_device(site: Plant) -> None:
-    for place in ({}, {"slot": 0, "api": 0}):
-        with ParameterClient(STATION, 0, channel=PlantChannel(site), **place) as client:
+    for slot in (0, 1):
+        with ParameterClient(STATION, 0, channel=PlantChannel(site), slot=slot) as client:
             client.connect()
             assert read_identification(client)["Order ID"] == "PDGW"
 
@@ -84,7 +84,7 @@ def test_station_without_free_accesses_rejects_with_its_reason(site: Plant) -> N
     for client in clients:
         client.connect()
     third = ParameterClient(STATION, 1, channel=PlantChannel(site))
-    with pytest.raises(GatewayError, match=r"the device rejects device access: no AR free .DB 81 40 04."):
+    with pytest.raises(GatewayError, match=r"device access failed: no AR free .DB 81 40 04."):
         third.connect()
 
 

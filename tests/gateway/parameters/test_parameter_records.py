@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from uuid import UUID
+from uuid import UUID, uuid4
 
 import pytest
 
@@ -14,15 +14,25 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.parameters.codec import ParameterAddress, decode_response
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import identification
+from pdgw.profinet.rpc.client import RecordCaller, RecordResult
+from pdgw.profinet.rpc.dcerpc import object_uuid
 from tests.support.gateways.daemon import axis
 from tests.support.gateways.daemon import client as client_of
 from tests.support.gateways.parameters import error, gateway, value
 
 
+def read_anywhere(client: ParameterClient, api: int, *, implicit: bool = False) -> RecordResult:
+    caller = RecordCaller(uuid4(), object_uuid(1, 0, 0))
+    return client.call(caller.read(api, 1, 1, identification.INDEX, implicit=implicit))
+
+
 def test_identification_records_are_read_and_written_and_survive(shared: tuple[Daemon, ParameterClient]) -> None:
     daemon, client = shared
     assert client.read_record(identification.INDEX)[:6] == bytes.fromhex("00 20 00 38 01 00")
-    assert client.read_record(identification.INDEX, implicit=True) == client.read_record(identification.INDEX)
+    assert read_anywhere(client, identification.PROFILE_ID, implicit=True).data == client.read_record(
+        identification.INDEX
+    )
+    assert read_anywhere(client, 5).status.text.startswith("invalid area")
     record = identification.encode_im(1, (b"press 4", b"hall B"))
     client.write_record(identification.INDEX + 1, record)
     assert client.read_record(identification.INDEX + 1) == record
@@ -45,7 +55,6 @@ def test_places_and_relationships_that_do_not_exist_are_refused(shared: tuple[Da
     for options, reason in (
         ({"slot": 2}, "invalid slot"),
         ({"subslot": 3}, "invalid slot"),
-        ({"api": 5}, "invalid area"),
         ({"ar_uuid": UUID(int=1)}, "AR UUID unknown"),
     ):
         with client_of(shared[0], address, 1, **options) as client, pytest.raises(GatewayError, match=reason):

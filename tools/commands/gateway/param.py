@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
-from uuid import UUID
 
 import typer
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import counted
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.profinet.rpc.identification import PROFILE_ID
-from pdgw.profinet.rpc.records import NIL
 from pdgw.tools.address import parse_address
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from pdgw.client.session import Element, Progress, Session
     from pdgw.profidrive.parameters.description import Description
 
@@ -38,15 +37,13 @@ _place: dict[str, Any] = {}
 def options(
     slot: Annotated[int, typer.Option(min=0, max=0x7FFF, help="Slot of the parameter access point.")] = 1,
     subslot: Annotated[int, typer.Option(min=1, max=0xFFFF, help="Its subslot.")] = 1,
-    api: Annotated[int, typer.Option(min=0, help="Its API.")] = PROFILE_ID,
     local: Annotated[bool, typer.Option("--local", help="Use record B02Eh instead of B02Fh.")] = False,
-    ar_uuid: Annotated[UUID, typer.Option(help="AR UUID of the application relationship.")] = NIL,
     profinet: Annotated[
         bool, typer.Option("--profinet", help="A PROFINET station: connect for device access, beside its controller.")
     ] = False,
 ) -> None:
     """Parameters are written P922, 965, 6041h, 0x1018.3, 1018h.1-4 or P947[0..7]."""
-    _place.update(slot=slot, subslot=subslot, api=api, local=local, ar_uuid=ar_uuid, profinet=profinet)
+    _place.update(slot=slot, subslot=subslot, local=local, profinet=profinet)
 
 
 @contextmanager
@@ -76,29 +73,39 @@ def _progress(what: str) -> Iterator[Progress | None]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _show(session: Session, elements: list[Element], *, as_json: bool) -> None:
-    """Print values. The exit status is 1 when a parameter could not be read."""
+def _print_table(titles: Sequence[str], rows: Iterable[Sequence[RenderableType | None]]) -> None:
     from rich.console import Console
 
-    from pdgw.client.session import address_text, meaning
     from pdgw.tools.output.tables import plain_table
+
+    table = plain_table(*titles)
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)
+
+
+def _show(session: Session, elements: list[Element], *, as_json: bool) -> None:
+    """Print values. The exit status is 1 when a parameter could not be read."""
+    from pdgw.client.session import address_text, meaning
 
     if as_json:
         typer.echo(json.dumps([element.document() for element in elements], indent=2))
     else:
-        table = plain_table("parameter", "name", "format", "value", "unit", "")
+        rows = []
         for element in elements:
             name, unit = session.name_and_unit(element.pnu, element.subindex)
             text = meaning(element, encoder=session.is_encoder)
-            table.add_row(
-                address_text(element.pnu, element.subindex),
-                name,
-                element.format.name if element.format else "",
-                "" if element.value is None else str(element.value),
-                unit,
-                f"[red]{text}[/red]" if element.failed else text,
+            rows.append(
+                (
+                    address_text(element.pnu, element.subindex),
+                    name,
+                    element.format.name if element.format else "",
+                    "" if element.value is None else str(element.value),
+                    unit,
+                    f"[red]{text}[/red]" if element.failed else text,
+                )
             )
-        Console().print(table)
+        _print_table(("parameter", "name", "format", "value", "unit", ""), rows)
     if any(element.failed for element in elements):
         raise typer.Exit(1)
 
@@ -154,10 +161,7 @@ def _described(pnu: int, item: Description | None) -> dict[str, Any]:
 @app.command("list")
 def list_(gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False) -> None:
     """List all parameters of the device (P980 ff)."""
-    from rich.console import Console
-
     from pdgw.client.session import address_text
-    from pdgw.tools.output.tables import plain_table
 
     with _session(gateway, do_id) as session, _progress("reading descriptions") as progress:
         pnus = session.pnus()
@@ -166,18 +170,19 @@ def list_(gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False)
     if as_json:
         typer.echo(json.dumps(rows, indent=2))
         return
-    table = plain_table("parameter", "name", "format", "elements", "access")
-    for row in rows:
-        access = {None: "", True: "rw", False: "r"}[row["writable"]]
-        table.add_row(address_text(row["pnu"]), row["name"], row["format"], str(row["elements"] or ""), access)
-    Console().print(table)
+    access = {None: "", True: "rw", False: "r"}
+    _print_table(
+        ("parameter", "name", "format", "elements", "access"),
+        (
+            (address_text(row["pnu"]), row["name"], row["format"], str(row["elements"] or ""), access[row["writable"]])
+            for row in rows
+        ),
+    )
 
 
 @app.command()
 def describe(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False) -> None:
     """Show description, limits and texts of parameters."""
-    from rich.console import Console
-
     from pdgw.client.address import parse_target
     from pdgw.client.session import address_text
 
@@ -202,12 +207,11 @@ def describe(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 
     if as_json:
         typer.echo(json.dumps(documents, indent=2))
     else:
-        console = Console()
         for document in documents:
-            console.print(f"[bold]{address_text(document['pnu'])}[/bold]")
+            typer.secho(address_text(document["pnu"]), bold=True)
             for key, value in list(document.items())[1:]:
                 if value is not None and value != []:
-                    console.print(f"  {key}: {value}", highlight=False, markup=False)
+                    typer.echo(f"  {key}: {value}")
     missing = [address_text(document["pnu"]) for document in documents if document["name"] is None]
     if missing:
         raise GatewayError(f"no description of {', '.join(missing)}")
@@ -216,21 +220,17 @@ def describe(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 
 @app.command()
 def identify(gateway: Gateway = _DEFAULT, as_json: AsJson = False) -> None:
     """Show vendor, order number, serial number, revisions and tags of the device (I&M0 to I&M4)."""
-    from rich.console import Console
     from rich.text import Text
 
     from pdgw.client.udp import read_identification
-    from pdgw.tools.output.tables import plain_table
 
     with _session(gateway, 0) as session:
         fields = read_identification(session.client)
     if as_json:
         typer.echo(json.dumps(fields, indent=2))
         return
-    table = plain_table("field", "value")
-    for name, value in fields.items():
-        table.add_row(name, Text(value))  # text from a device: no markup
-    Console().print(table)
+    # Text from a device has no markup.
+    _print_table(("field", "value"), ((name, Text(value)) for name, value in fields.items()))
 
 
 @app.command()
@@ -240,8 +240,6 @@ def dump(
     do_id: DoId = 1,
 ) -> None:
     """Save all parameters of a drive object."""
-    from rich.console import Console
-
     from pdgw.client.dump import read_all
     from pdgw.client.session import address_text
 
@@ -249,13 +247,13 @@ def dump(
         saved, failed = read_all(session, progress)
     saved.save(file)
     settings = sum(element.setting for element in saved.parameters)
-    Console().print(f"{file}: {counted(len(saved.parameters), 'element')}, {settings} of them settings")
+    typer.echo(f"{file}: {counted(len(saved.parameters), 'element')}, {settings} of them settings")
     by_error: dict[str, list[str]] = {}
     for element in failed:
         by_error.setdefault(element.error_text, []).append(address_text(element.pnu, element.subindex))
     for text, addresses in by_error.items():
         more = f" and {len(addresses) - 1} more" if len(addresses) > 1 else ""
-        Console(stderr=True).print(f"not read: {addresses[0]}{more}: {text}", highlight=False)
+        typer.echo(f"not read: {addresses[0]}{more}: {text}", err=True)
 
 
 @app.command("restore")
@@ -279,14 +277,10 @@ def restore_(
     ] = False,
 ) -> None:
     """Show the differences between a file and the device, then write all differing settings or none."""
-    from rich.console import Console
-
     from pdgw.client.dump import Dump, difference, other_origin, other_telegram, restore
     from pdgw.client.session import address_text
-    from pdgw.tools.output.tables import plain_table
 
     saved = Dump.load(file)
-    console = Console()
     with _session(gateway, do_id) as session:
         origin = "" if other else other_origin(session, saved)
         if origin:
@@ -296,14 +290,20 @@ def restore_(
         with _progress("comparing") as progress:
             pairs = difference(session, saved, progress)
         if not pairs:
-            console.print("nothing differs")
+            typer.echo("nothing differs")
             return
-        differences = plain_table("parameter", "name", "device", "file")
-        for wanted, found in pairs:
-            name, _ = session.name_and_unit(wanted.pnu, wanted.subindex)
-            shown = found.error_text if found.failed else str(found.value)
-            differences.add_row(address_text(wanted.pnu, wanted.subindex), name, shown, str(wanted.value))
-        console.print(differences)
+        _print_table(
+            ("parameter", "name", "device", "file"),
+            (
+                (
+                    address_text(wanted.pnu, wanted.subindex),
+                    session.name_and_unit(wanted.pnu, wanted.subindex)[0],
+                    found.error_text if found.failed else str(found.value),
+                    str(wanted.value),
+                )
+                for wanted, found in pairs
+            ),
+        )
         if dry_run:
             return
         telegrams = other_telegram(pairs)
@@ -318,10 +318,8 @@ def restore_(
         with _progress("writing") as progress:
             outcome = restore(session, pairs, progress, partial=partial)
         kept = 0 if outcome.taken_back else len(outcome.written)
-        console.print(f"{kept} of {len(pairs)} settings written")
+        typer.echo(f"{kept} of {len(pairs)} settings written")
         if outcome.taken_back and outcome.written:
-            console.print(
-                f"{len(outcome.written) - len(outcome.stuck)} of {len(outcome.written)} old values written back"
-            )
+            typer.echo(f"{len(outcome.written) - len(outcome.stuck)} of {len(outcome.written)} old values written back")
         if outcome.failed or outcome.stuck:
             _show(session, [*outcome.failed, *outcome.stuck], as_json=False)
