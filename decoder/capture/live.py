@@ -27,14 +27,14 @@ def open_interface(name: str) -> Source:
     closing = ExitStack()
     family = getattr(socket, "AF_PACKET", None)
     if family is None:
-        raise GatewayError(f"--interface {name}: live captures need Linux; record with dumpcap and decode the file")
+        raise GatewayError(f"--live {name}: live captures need Linux; record with dumpcap and decode the file")
     try:
         raw = closing.enter_context(socket.socket(family, socket.SOCK_RAW, socket.htons(EVERY_PROTOCOL)))
         raw.bind((name, 0))
     except OSError as error:
         closing.close()
         hint = "; it needs root or CAP_NET_RAW" if isinstance(error, PermissionError) else ""
-        raise GatewayError(f"--interface {name}: cannot be opened ({error.strerror or error}){hint}") from error
+        raise GatewayError(f"--live {name}: cannot be opened ({error.strerror or error}){hint}") from error
     return Source(name, _frames(raw, name), closing=closing)
 
 
@@ -44,7 +44,7 @@ def _frames(raw: socket.socket, name: str) -> Iterator[Packet]:
         try:
             data, (_, _, kind, hardware, _) = raw.recvfrom(_MAX_FRAME)
         except OSError as error:
-            raise GatewayError(f"--interface {name}: {error.strerror or error}") from error
+            raise GatewayError(f"--live {name}: {error.strerror or error}") from error
         if hardware == _LOOPBACK and kind == _OUTGOING:
             continue  # the interface delivers it as a received frame, too
         number += 1
@@ -59,7 +59,7 @@ def open_can(text: str) -> Source:
     channel, _, rate = rest.rpartition("@") if "@" in rest else (rest, "", "")
     if not interface or not channel or (rate and not rate.isdigit()):
         raise GatewayError(
-            f"--can {text}: expected interface:channel or interface:channel@bitrate, like socketcan:can0"
+            f"--live {text}: expected interface:channel or interface:channel@bitrate, like socketcan:can0"
         )
     bus = open_bus(interface, channel, int(rate) if rate else None)
     closing = ExitStack()
@@ -78,7 +78,7 @@ def _messages(bus: object, name: str) -> Iterator[CanPacket]:
         try:
             message = bus.recv(_WAIT)
         except (can.CanError, OSError) as error:
-            raise GatewayError(f"--can {name}: {error}") from error
+            raise GatewayError(f"--live {name}: {error}") from error
         if message is not None:
             number += 1
             yield message_packet(number, message)

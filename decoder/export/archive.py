@@ -93,13 +93,11 @@ def captures_of(paths: Sequence[str]) -> list[str]:
     return list(found)
 
 
-def write_data_set(
-    files: Sequence[str], root: Path, options: ArchiveOptions, jobs: int | None = None
-) -> Iterator[Part]:
-    """Write the parts of all files, ``jobs`` (None: one for each core) at a time; results come in the order of the files."""
+def write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions) -> Iterator[Part]:
+    """Write the parts of all files, one for each core at a time; results come in the order of the files."""
     options.knowledge()
     root.mkdir(parents=True, exist_ok=True)
-    jobs = min(jobs or os.cpu_count() or 1, len(files))
+    jobs = min(os.cpu_count() or 1, len(files))
     work = partial(write_part, root=root, options=options)
     if jobs == 1:
         yield from map(work, files)

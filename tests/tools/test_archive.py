@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import runpy
 import subprocess
@@ -84,6 +85,11 @@ def test_signals_of_a_capture_are_a_table_with_units(plant: Path) -> None:
         pdgw.read_table(file, ["NIST_X"])
 
 
+@pytest.fixture(autouse=True)
+def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+
+
 def rows(root: Path) -> list[dict[str, Any]]:
     import pyarrow.dataset  # noqa: PLC0415
 
@@ -93,7 +99,7 @@ def rows(root: Path) -> list[dict[str, Any]]:
 
 def test_every_file_is_a_part(plant: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "set"
-    decode([str(plant)], parquet=out, signal=SIGNALS, telegram=[1], jobs=1)
+    decode([str(plant)], parquet=out, signal=SIGNALS, telegram=[1])
     found = rows(out)
     counts = Counter(row["file"] for row in found)
     assert len(counts) == 3
@@ -128,7 +134,7 @@ def test_damaged_file_is_reported_and_keeps_the_data_before_it(
     (plant / "monday" / "b.pcapng").write_bytes(data[:-30])
     (plant / "monday" / "a.pcapng").write_bytes(b"")
     with pytest.raises(typer.Exit) as left:
-        decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, telegram=[1], jobs=1)
+        decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, telegram=[1])
     assert left.value.exit_code == 1
     told = capsys.readouterr()
     assert [line.split(": ")[0] for line in told.err.splitlines()] == ["error", "error"]
@@ -143,7 +149,6 @@ def test_impossible_options_are_rejected_before_reading(plant: Path, tmp_path: P
         ({"parquet": out}, "name the signals"),
         ({"parquet": out, "signal": ["STW1"], "csv": "STW1"}, r"--csv: not allowed with --parquet FOLDER"),
         ({}, "several files need --parquet FOLDER"),
-        ({"jobs": 2}, "-j: allowed only with --parquet FOLDER"),
     ):
         with pytest.raises(GatewayError, match=match):
             decode([str(plant)], **options)  # type: ignore[arg-type]
@@ -160,7 +165,7 @@ def test_duckdb_queries_the_data_set(
     plant: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("duckdb", reason="the extra archive is not installed")
-    decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, telegram=[1], jobs=1)
+    decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, telegram=[1])
     capsys.readouterr()
     monkeypatch.setattr(sys, "argv", ["archive_duckdb.py", str(tmp_path / "set")])
     runpy.run_path(str(EXAMPLES / "archive_duckdb.py"), run_name="__main__")
@@ -175,15 +180,18 @@ def test_duckdb_queries_the_data_set(
 
 
 @pytest.mark.e2e
-def test_several_processes_and_dask_workers_write_the_same_data_set(plant: Path, tmp_path: Path) -> None:
+def test_several_processes_and_dask_workers_write_the_same_data_set(
+    plant: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("dask.distributed", reason="the extra archive is not installed")
     command = [sys.executable, str(EXAMPLES / "archive_dask.py"), str(plant), str(tmp_path / "dask")]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600)
     assert sorted(line.split("\t")[1:] for line in done.stdout.splitlines()) == [["8", "ok"]] * 3
-    decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, jobs=1)
+    decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS)
 
     def ordered(root: Path) -> list[str]:
         return sorted(map(repr, rows(root)))
 
-    decode([str(plant)], parquet=tmp_path / "three", signal=SIGNALS, jobs=3)
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    decode([str(plant)], parquet=tmp_path / "three", signal=SIGNALS)
     assert ordered(tmp_path / "dask") == ordered(tmp_path / "three") == ordered(tmp_path / "set")

@@ -18,7 +18,7 @@ from pdgw.decoder.export.trace_page import States
 from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.commands.capture.decode import DirectionOption, decode
+from pdgw.tools.commands.capture.decode import decode
 from tests.support.buses import PATIENCE_S
 from tests.support.cli import pdgw
 from tests.support.readers import captures
@@ -63,7 +63,7 @@ def test_text_is_one_plain_line_for_each_packet(capture: str, capsys: pytest.Cap
 
 
 def test_verbose_is_the_tree(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode([capture], telegram=[1], verbose=True, count=1)
+    decode([capture], telegram=[1], verbose=True)
     text = lines(capsys)
     assert "             ON = 1  (ON (0 = OFF1))" in text
     assert "         cycle_counter: 65500" in text
@@ -84,7 +84,7 @@ def test_json_is_one_object_for_each_packet(capture: str, capsys: pytest.Capture
 
 
 def test_inferred_telegram_is_reported(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode([capture], count=2)
+    decode([capture])
     captured = capsys.readouterr()
     assert "note: inferred from length and status bytes: axis 1 telegram 1" in captured.err
     assert "STW1 047Fh" in captured.out
@@ -123,7 +123,6 @@ def test_csv_has_the_chosen_names(capture: str, capsys: pytest.CaptureFixture[st
         ({"begin": "2023-11-14T22:13:20.143456+00:00"}, [21, 22, 23]),
         ({"filter_text": "node == 2"}, [17, 18]),
         ({"signal": ["NSOLL_A,Target Velocity"]}, [1, 3, 5, 7, 23]),
-        ({"count": 2}, [1, 2]),
         ({"signal": ["abort", "latency_ms"]}, [14, 16, 18, 20]),
         ({"changes_only": True, "signal": ["STW1", "zsw1"]}, [1, 2]),
         ({"filter_text": "kind == 'heartbeat'", "changes_only": True}, [10, 11]),
@@ -150,7 +149,7 @@ def test_wrong_telegram_is_reported_once_for_each_direction(capture: str, capsys
 def test_few_packets_are_decoded_like_the_whole_file(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
     decode([capture])
     whole = capsys.readouterr()
-    decode([capture], count=1)
+    decode([capture], end="0")
     first = capsys.readouterr()
     assert first.err == whole.err
     assert first.out == whole.out.splitlines(keepends=True)[0]
@@ -218,7 +217,6 @@ def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None
         ({"eds": ["nowhere.eds"]}, "--eds nowhere.eds: not a file"),
         ({"config": Path("nowhere.toml")}, "nowhere.toml: cannot be read"),
         ({"hex_text": "00"}, "give one of"),
-        ({"direction": DirectionOption.ACTUAL}, "--direction: allowed only with --hex"),
     ],
 )
 def test_bad_options_are_named(options: dict[str, object], message: str, capture: str) -> None:
@@ -237,9 +235,14 @@ def test_bad_eds_is_reported_before_the_first_packet(
 
 
 def test_hex_is_a_packet_with_the_options_of_a_capture(capsys: pytest.CaptureFixture[str]) -> None:
-    decode(hex_text="0637 2000", telegram=[1], direction=DirectionOption.ACTUAL, csv="zsw1,nist_a")
+    decode(hex_text="0637 2000", telegram=[1])
+    assert [line.split(" | ")[1] for line in lines(capsys)] == [
+        "axis 1 T1 STW1 0637h NSOLL_A 50.000 %",
+        "axis 1 T1 ZSW1 0637h NIST_A 50.000 %",
+    ]
+    decode(hex_text="0637 2000", telegram=[1], csv="zsw1,nist_a")
     assert lines(capsys)[1:] == ["0.000000000,1,1,1591,50.0"]
-    decode(hex_text="0637 2000", telegram=[1], direction=DirectionOption.ACTUAL, filter_text="zsw1.fault == 1")
+    decode(hex_text="0637 2000", telegram=[1], filter_text="zsw1.fault == 1")
     assert not lines(capsys)
 
 

@@ -145,7 +145,7 @@ def test_files_are_decoded_and_unsupported_functions_are_reported(
         '[can]\ninterface = "virtual"\n[transport]\ntype = "profinet"\ninterface = "lo"\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n"
     )
-    *done, raw, live = each_elsewhere(*commands, ("run", str(profinet)), ("decode", "--interface", "eth0"))
+    *done, raw, live = each_elsewhere(*commands, ("run", str(profinet)), ("decode", "--live", "eth0"))
     for command, (status, _, error) in zip(commands, done, strict=True):
         assert status == 0, (command, error[-600:])
     assert raw[0] == live[0] == 1

@@ -396,7 +396,7 @@ def test_a_network_interface_is_read_live_or_refused_with_the_reason() -> None:
     try:
         source = live.open_interface("lo")
     except Exception as error:
-        assert "--interface lo: cannot be opened" in str(error)  # noqa: PT017 (without privileges this is right)
+        assert "--live lo: cannot be opened" in str(error)  # noqa: PT017 (without privileges this is right)
         return
     # Other programs may use the loopback: the FrameID identifies these frames. They are sent again if the kernel had no room.
     sent = [bytes(FRAME)[:-4] + bytes((0, counter, 0x35, 0)) for counter in range(3)]
@@ -438,7 +438,7 @@ def test_the_gateways_own_log_has_one_name_for_both_directions(tmp_path: Path) -
 
 
 def test_no_such_interface() -> None:
-    with pytest.raises(Exception, match="--interface nosuch0: cannot be opened"):
+    with pytest.raises(Exception, match="--live nosuch0: cannot be opened"):
         live.open_interface("nosuch0")
 
 

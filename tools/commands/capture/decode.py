@@ -8,8 +8,6 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from enum import StrEnum
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +16,7 @@ import typer
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import counted
+from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.options import Station
 
 if TYPE_CHECKING:
@@ -29,13 +28,6 @@ if TYPE_CHECKING:
 
 _LATE_NS = 2 * SECOND
 """Greatest disorder of packets in a file. Reading stops when a packet is later than ``--to`` by more than this."""
-
-
-class DirectionOption(StrEnum):
-    """Values of ``--direction``."""
-
-    SETPOINT = "setpoint"
-    ACTUAL = "actual"
 
 
 def decode(
@@ -51,17 +43,18 @@ def decode(
         str | None,
         typer.Option("--hex", help="Telegram words, C_SDU, whole frame, parameter request or response; - reads stdin."),
     ] = None,
-    interface: Annotated[str | None, typer.Option(help="Listen on a network interface (root).")] = None,
-    can: Annotated[str | None, typer.Option(help="Listen on a python-can bus, like socketcan:can0@500000.")] = None,
+    live: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SOURCE", help="Listen on a network interface (root) or on a python-can bus, like socketcan:can0."
+        ),
+    ] = None,
     telegram: Annotated[
         list[int] | None, typer.Option(help="Telegram of the data; repeat for each axis (default: inferred).")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, ports, EDS.")] = None,
     eds: Annotated[list[str] | None, typer.Option(help="EDS or DCF of the nodes, or NODE=FILE.")] = None,
     station: Station = "",
-    direction: Annotated[
-        DirectionOption | None, typer.Option(help="With --hex. Default: from the FrameID, else setpoint.")
-    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each packet.")] = False,
     csv: Annotated[
         str | None, typer.Option(help="CSV table with these columns, for example STW1,NSOLL_A,Statusword.")
@@ -70,18 +63,9 @@ def decode(
         Path | None,
         typer.Option(help="Table of --signal: a .parquet file, or a folder for many captures."),
     ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs", "-j", min=1, help="Number of files at the same time, with --parquet FOLDER (default: cores)."
-        ),
-    ] = None,
     stats: Annotated[
         bool, typer.Option("--stats", help="Show rates, jitter, counter gaps and bus load instead.")
     ] = False,
-    bitrate: Annotated[
-        int | None, typer.Option(min=1, help="Bit rate for the bus load, bit/s (default: 1000000).")
-    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Show the full tree with every bit.")] = False,
     changes_only: Annotated[bool, typer.Option("--changes-only", help="Show only changes.")] = False,
     filter_text: Annotated[
@@ -94,9 +78,6 @@ def decode(
     signal: Annotated[
         list[str] | None, typer.Option(help="Only these signals, objects or fields, comma separated.")
     ] = None,
-    count: Annotated[
-        int | None, typer.Option("--count", "-n", min=1, help="Stop after this number of packets.")
-    ] = None,
 ) -> None:
     """Decode hexadecimal data (--hex), a capture of either bus, or the live frames of a bus."""
     from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead
@@ -104,25 +85,16 @@ def decode(
     from pdgw.decoder.export.archive import ArchiveOptions, is_data_set
     from pdgw.decoder.export.writers import CsvWriter, JsonWriter, ParquetWriter, StatsWriter, TextWriter
     from pdgw.decoder.frames.engine import Decoder
-    from pdgw.decoder.frames.recognise import packet_of, parse_hex, swapped_words
     from pdgw.decoder.view.changes import Changes
     from pdgw.decoder.view.filter import Filter
     from pdgw.decoder.view.selection import Selection
     from pdgw.ds301.bus.load import DEFAULT_BITRATE
-    from pdgw.profidrive.telegrams import Direction
 
-    if sum(source is not None for source in (files or None, hex_text, interface, can)) != 1:
-        raise GatewayError("give one of: files (or -), --hex, --interface, --can")
-    packet = None
+    if sum(source is not None for source in (files or None, hex_text, live)) != 1:
+        raise GatewayError("give one of: files (or -), --hex, --live")
+    packets: list[Packet] = []
     if hex_text is not None:
-        data = parse_hex(sys.stdin.read() if hex_text == "-" else hex_text)
-        side = Direction(direction.value) if direction else None
-        packet, telegrams = packet_of(data, telegram or [], side)
-        telegram = list(telegrams)
-        if len(telegram) == 1 and (hint := swapped_words(data, telegram[0], side or Direction.SETPOINT)):
-            _print_notices([hint])
-    elif direction is not None:
-        raise GatewayError("--direction: allowed only with --hex; a capture contains the direction in its FrameIDs")
+        packets, telegram = _hex_packets(sys.stdin.read() if hex_text == "-" else hex_text, telegram or [])
     signals = [name.strip() for text in signal or [] for name in text.split(",")]
     if files and parquet is not None and is_data_set(parquet):
         options = ArchiveOptions(tuple(signals), tuple(telegram or ()), config, tuple(eds or ()), filter_text)
@@ -132,15 +104,12 @@ def decode(
             "--json": as_json,
             "--from": begin,
             "--to": end,
-            "-n": count,
         }
         for name, value in refused.items():
             if value:
                 raise GatewayError(f"{name}: not allowed with --parquet FOLDER, which is a table of whole files")
-        _write_data_set(files, parquet, options, jobs)
+        _write_data_set(files, parquet, options)
         return
-    if jobs is not None:
-        raise GatewayError("-j: allowed only with --parquet FOLDER, which makes a data set of several files")
     if files and (len(files) > 1 or Path(files[0]).is_dir()):
         raise GatewayError("several files need --parquet FOLDER and --signal; or give one file")
     file = files[0] if files else None
@@ -159,7 +128,7 @@ def decode(
     if csv is not None:
         writers.append(CsvWriter(sys.stdout, [name.strip() for name in csv.split(",")], known.names))
     elif stats:
-        writers.append(StatsWriter(sys.stdout, bitrate or known.bitrate or DEFAULT_BITRATE, as_json=as_json))
+        writers.append(StatsWriter(sys.stdout, known.bitrate or DEFAULT_BITRATE, as_json=as_json))
     elif as_json:
         writers.append(JsonWriter(sys.stdout))
     elif not writers or verbose:
@@ -169,13 +138,37 @@ def decode(
         settings, zero_ns, inference = look_ahead(str(file), settings)
         if inference:
             _print_notices([inference])
-    with _open(file, interface, can, packet) as source:
+    with _open(file, live, packets) as source:
         if source.size is None:
             _line_buffered()
-        _run(source, Decoder(settings), selection, writers, (begin, end), count, zero_ns)
+        _run(source, Decoder(settings), selection, writers, (begin, end), zero_ns)
 
 
-def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, jobs: int | None) -> None:
+def _hex_packets(text: str, telegrams: list[int]) -> tuple[list[Packet], list[int]]:
+    """The packets that carry the data and the telegrams of their axes: telegram words can be setpoints and actual values."""
+    from pdgw.decoder.frames.recognise import packet_of, parse_hex, swapped_words
+    from pdgw.profidrive.telegrams import Direction
+
+    data = parse_hex(text)
+    found: list[tuple[Packet, list[int]]] = []
+    refusals: list[ProfidriveError] = []
+    for direction in Direction:
+        try:
+            packet, chosen = packet_of(data, telegrams, direction)
+        except ProfidriveError as error:
+            refusals.append(error)
+            continue
+        found.append((packet, list(chosen)))
+        if len(chosen) == 1 and (hint := swapped_words(data, chosen[0], direction)):
+            _print_notices([hint])
+    if not found:
+        raise refusals[0]
+    _, first = found[0]
+    packets = dict.fromkeys(packet for packet, chosen in found if chosen == first)
+    return [packet._replace(number=number) for number, packet in enumerate(packets, 1)], first
+
+
+def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions) -> None:
     """Decode the files and print a result for each. The exit status is 1 when a file is damaged."""
     from pdgw.decoder.export.archive import captures_of, write_data_set
     from pdgw.recording.progress import with_progress_of
@@ -183,7 +176,7 @@ def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, j
     captures = captures_of(files)
     begin = time.monotonic()
     parts = []
-    for part in with_progress_of(write_data_set(captures, root, options, jobs), "decoding", len(captures)):
+    for part in with_progress_of(write_data_set(captures, root, options), "decoding", len(captures)):
         parts.append(part)
         for notice in part.notices:
             sys.stderr.write(f"note: {part.file}: {notice}\n")
@@ -199,16 +192,14 @@ def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, j
         raise typer.Exit(1)
 
 
-def _open(file: str | None, interface: str | None, can: str | None, packet: Packet | None) -> Source:
-    from pdgw.decoder.capture import live
+def _open(file: str | None, live: str | None, packets: Sequence[Packet]) -> Source:
+    from pdgw.decoder.capture.live import open_can, open_interface
     from pdgw.decoder.capture.source import Source, open_source
 
-    if packet is not None:
-        return Source("--hex", iter([packet]))
-    if interface is not None:
-        return live.open_interface(interface)
-    if can is not None:
-        return live.open_can(can)
+    if packets:
+        return Source("--hex", iter(packets))
+    if live is not None:
+        return open_can(live) if ":" in live else open_interface(live)
     return open_source(file or "-")
 
 
@@ -231,7 +222,6 @@ def _run(
     selection: Selection,
     writers: Sequence[Writer],
     limits: tuple[str | None, str | None],
-    count: int | None,
     zero_ns: int | None,
 ) -> None:
     """Decode until the end of the input, Ctrl-C or a damaged packet. The writers are closed in each case."""
@@ -239,7 +229,7 @@ def _run(
 
     try:
         try:
-            packets = islice(with_progress(source.packets, Path(source.name).name, source.size, source.position), count)
+            packets = with_progress(source.packets, Path(source.name).name, source.size, source.position)
             with contextlib.suppress(KeyboardInterrupt):
                 _loop(packets, decoder, selection, writers, limits, zero_ns)
             _print_notices(source.notices)
