@@ -495,10 +495,10 @@ class Reason(enum.Enum):
         "the PLC must receive the gateway's frames and copy the tick of the newest one (docs/plc.md)",
     )
     FRAME_OLD = (
-        "the PLC's frames are older than age_limit_ms",
+        "the PLC's frames are older than twice the watchdog time",
         _S.WAITS,
         _E.PLC,
-        "raise age_limit_ms; if the age rises steadily, the PLC must read all waiting frames in each scan",
+        "raise watchdog_factor; if the age rises steadily, the PLC must read all waiting frames in each scan",
     )
     FRAME_COUNTER = (
         "the cycle counter of the PLC's frames does not increase",

@@ -82,9 +82,9 @@ def made_client(config: MqttConfig, client_id: str) -> Client:
         client.username_pw_set(config.username, password)
     if config.tls:
         try:
-            client.tls_set_context(ssl.create_default_context(cafile=config.ca_file))
+            client.tls_set_context(ssl.create_default_context(cafile=None if config.tls is True else config.tls))
         except OSError as error:
-            raise GatewayError(f"[mqtt] ca_file {config.ca_file}: cannot be used ({error})") from error
+            raise GatewayError(f"[mqtt] tls {config.tls}: cannot be used ({error})") from error
     client.reconnect_delay_set(1, _RECONNECT_MAX_S)
     return client
 

@@ -48,7 +48,6 @@ from pdgw.gateway.configuration.tables.environment import (
     DriveObjectSection,
     Integer,
     ParametersConfig,
-    RealtimeConfig,
     Section,
     TraceConfig,
     TransportConfig,
@@ -305,7 +304,6 @@ class GatewayConfig(Section):
     axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list)] = ()
     encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
     """The drive objects of the frame: all axes, then all encoders, each in their order."""
-    realtime: RealtimeConfig = RealtimeConfig()
     trace: TraceConfig = TraceConfig()
     web: WebConfig = WebConfig()
     mqtt: MqttConfig | None = None

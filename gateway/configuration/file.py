@@ -18,7 +18,6 @@ from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.configuration.tables.environment import (
     CanConfig,
     ParametersConfig,
-    RealtimeConfig,
     TraceConfig,
     TransportConfig,
 )
@@ -34,7 +33,6 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "can": CanConfig,
     "transport": TransportConfig,
     "parameters": ParametersConfig,
-    "realtime": RealtimeConfig,
     "trace": TraceConfig,
     "web": WebConfig,
     "mqtt": MqttConfig,
@@ -44,25 +42,35 @@ SECTIONS: dict[str, type[BaseModel]] = {
 """The models of the file's tables."""
 _SDO_INTERVAL: Final = "0.9.0: the plan of the bus leaves room for SDOs; delete the key"
 _JOG: Final = "0.9.0: jog_speeds_rpm = [-100, 100] has both speeds"
+_JOG_DISTANCES: Final = "0.9.0: jog_distances = [1000, 1000] has both distances"
+_JOG_VELOCITIES: Final = "0.9.0: jog_velocities = [-300, 300] has both velocities"
 _KEEP: Final = "0.9.0: 20 files of 10 s before and 5 s after an event are kept; pdgw trace watch has options for others"
 REMOVED: Final = MappingProxyType(
     {
         "axis.jog_1_speed_rpm": _JOG,
         "axis.jog_2_speed_rpm": _JOG,
+        "axis.positioner.jog_1_distance": _JOG_DISTANCES,
+        "axis.positioner.jog_2_distance": _JOG_DISTANCES,
+        "axis.positioner.jog_1_velocity": _JOG_VELOCITIES,
+        "axis.positioner.jog_2_velocity": _JOG_VELOCITIES,
         "axis.positioner.modulo_correction": "0.9.0: modulo_range alone makes a rotary axis; delete both for a linear axis",
         "axis.sdo_interval_ms": _SDO_INTERVAL,
         "axis.sync_jitter_us": "0.9.0: jitter of SYNC does not change the limit of KPC; delete the key",
         "axis.xerr_sign": "0.9.0: a positive XERR moves forward; delete the key, the PLC sends -XERR where it was -1",
         "axis.tpdo_inhibit_us": "0.9.0: a drive sends one TPDO in each cycle of the PLC; delete the key",
         "encoder.sdo_interval_ms": _SDO_INTERVAL,
-        "realtime.cpu": "0.9.0: set CPUAffinity= in the systemd unit (realtime.conf), or start the gateway with taskset",
-        "realtime.lock_memory": "0.9.0: set MemorySwapMax=0 in the systemd unit (realtime.conf), or switch the swap off",
-        "realtime.native": "0.9.0: Python exchanges the frames with less CPU; delete the key",
+        "mqtt.ca_file": '0.9.0: tls = "ca.pem" names the file',
+        "realtime": "0.9.0: set CPUSchedulingPolicy=, CPUSchedulingPriority=, CPUAffinity= and MemorySwapMax= in the systemd "
+        "unit (realtime.conf), or start the gateway with chrt and taskset; delete the table",
         "trace.keep_before_s": _KEEP,
         "trace.keep_after_s": _KEEP,
+        "trace.keep_directory": "0.9.0: the files are in traces/ of the state directory; pdgw trace watch --to has another",
         "trace.keep_files": _KEEP,
+        "transport.age_limit_ms": "0.9.0: it is twice the watchdog time; delete the key, raise watchdog_factor if it was longer",
+        "transport.ar_uuid": "0.9.0: the parameter channel has no application relationship; delete the key",
         "transport.parameter_timeout_ms": "0.9.0: it is 2 s, or the longest sdo_timeout_ms above it; delete the key",
         "transport.switchover_ms": "0.9.0: system redundancy (S2) is not supported; delete the key, connect one controller",
+        "web.tls_key": "0.9.0: tls_cert is one PEM file with the certificate and its key",
     }
 )
 """Keys of earlier versions: the version without them and the reason."""
@@ -91,12 +99,9 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
     if missing:
         raise GatewayError("\n".join(missing))
     store = path.parent / config.store if config.store else default_store(path)
-    trace = config.trace
-    if trace.keep_directory is not None:
-        trace = trace.model_copy(update={"keep_directory": path.parent / trace.keep_directory})
     web = _files_resolved(config.web, path)
     mqtt = None if config.mqtt is None else _files_resolved(config.mqtt, path)
-    update = {"axis": axes, "encoder": encoders, "store": store, "trace": trace, "web": web, "mqtt": mqtt}
+    update = {"axis": axes, "encoder": encoders, "store": store, "web": web, "mqtt": mqtt}
     return config.model_copy(update=update)
 
 

@@ -38,7 +38,7 @@ class AcyclicServer:
             self._manager,
             daemon.store,
             daemon.update_store,
-            transport.ar_uuid,
+            NIL,
             serial,
             writers,
             vendor_id=transport.vendor_id,

@@ -1,6 +1,6 @@
 """Real-time scheduling of the gateway's process, if the operating system grants it.
 
-The exchange runs with a real-time priority (SCHED_FIFO), by default or by ``[realtime]`` of the configuration. A refusal is
+The exchange runs with a real-time priority (SCHED_FIFO), unless the process was started with another policy. A refusal is
 logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available.
 """
 
@@ -9,8 +9,6 @@ from __future__ import annotations
 import logging
 import os
 from typing import Final
-
-from pdgw.gateway.configuration.tables.environment import RealtimeConfig
 
 DEFAULT_PRIORITY: Final = 40
 """Below the threads of the kernel that serve network and CAN (50)."""
@@ -21,23 +19,21 @@ Line = tuple[int, str]
 """A log level and line."""
 
 
-def apply(config: RealtimeConfig, cycle_time_ms: float) -> list[Line]:
-    """Request the priority; returns a line unless the configured one is granted.
+def request(cycle_time_ms: float) -> Line:
+    """Request the priority; returns the line for the log.
 
     Call it before the first thread starts: threads inherit it, and a thread without the priority that holds the interpreter would
     delay the exchange.
     """
-    if config.priority is None:
-        return [_by_default(cycle_time_ms)]
-    return _configured(config.priority) if config.priority else []
-
-
-def _by_default(cycle_time_ms: float) -> Line:
     try:
         # The user may have set another policy for the process (chrt, CPUSchedulingPolicy=).
         if os.sched_getscheduler(0) == os.SCHED_OTHER:
-            _set_priority(DEFAULT_PRIORITY)
-        return logging.INFO, f"real-time priority {os.sched_getparam(0).sched_priority} (SCHED_FIFO)"
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(DEFAULT_PRIORITY))
+        priority = os.sched_getparam(0).sched_priority
+        return (
+            logging.INFO,
+            f"real-time priority {priority} (SCHED_FIFO)" if priority else "normal scheduling, as started",
+        )
     except AttributeError:
         reason = "is not available on this operating system"
     except OSError as error:
@@ -54,19 +50,3 @@ def usual(pid: int) -> None:
     """Restore normal scheduling for a child process, which inherits the gateway's."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
-
-
-def _configured(priority: int) -> list[Line]:
-    try:
-        _set_priority(priority)
-    except AttributeError:
-        why = "not available on this operating system, ignored"
-    except OSError as error:
-        why = f"{error.strerror or error}, ignored; it needs root, CAP_SYS_NICE (systemd: AmbientCapabilities) or LimitRTPRIO"
-    else:
-        return []
-    return [(logging.WARNING, f"[realtime] priority = {priority}: {why}")]
-
-
-def _set_priority(priority: int) -> None:
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))

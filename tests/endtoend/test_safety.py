@@ -23,7 +23,7 @@ def config(channel: str, port: int) -> str:
     return (
         f'[can]\ninterface = "{INTERFACE}"\nchannel = "{channel}"\n'
         f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = 20\nwatchdog_factor = 250\n"
-        '[trace]\nkeep = ["stop"]\nkeep_directory = "kept"\n'
+        '[trace]\nkeep = ["stop"]\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n" + PATIENT
     )
 
@@ -38,7 +38,10 @@ def is_stopped_and_off(port: int) -> bool:
     return "Switch On Disabled" in status and re.search(r"velocity 0\b", status) is not None
 
 
-def test_killed_plc_gateway_or_drive_stops_the_axis_without_a_restart(tmp_path: Path) -> None:
+def test_killed_plc_gateway_or_drive_stops_the_axis_without_a_restart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     port = free_udp_port()
     path = tmp_path / "plant.toml"
     with ServedBus() as bus, ExitStack() as at_end:
@@ -86,7 +89,7 @@ def what_the_killed_gateway_left(folder: Path) -> None:
     assert "plant.ring: killed" in pdgw("trace", "list").stdout
     saved = pdgw("trace", "save", str(folder / "x.pcapng"), "--ring", "plant")
     assert "packets of plant.ring (killed)" in saved.stdout, saved.stderr
-    wait_for(lambda: list((folder / "kept").glob("plant-*-killed.pcapng")), "kept")
+    wait_for(lambda: list((folder / "pdgw/traces").glob("plant-*-killed.pcapng")), "kept")
     directory = run_directory()
     assert directory is not None
     assert {file.stat().st_mode & 0o777 for file in (directory / "plant.ring").iterdir()} == {0o440}

@@ -20,10 +20,8 @@ max_velocity = 30000
 max_acceleration = 2000
 max_deceleration = 2000
 position_window = 20
-jog_1_velocity = -600
-jog_2_velocity = 600
-jog_1_distance = 2500
-jog_2_distance = 5000
+jog_velocities = [-600, 600]
+jog_distances = [2500, 5000]
 homing_method = 35
 [[axis.block]]
 number = 3

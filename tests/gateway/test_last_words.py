@@ -82,7 +82,7 @@ def test_gateway_that_cannot_start_leaves_its_error(port: int, tmp_path: Path) -
         other.bind(("127.0.0.1", 0))
         cyclic = other.getsockname()[1]
         file.write_text(
-            '[can]\ninterface = "virtual"\n[realtime]\npriority = 0\n[trace]\nenabled = false\n'
+            '[can]\ninterface = "virtual"\n[trace]\nenabled = false\n'
             f"[transport]\ncyclic_port = {cyclic}\nacyclic_port = 0\nstatus_port = {port}\n{axis(1, more='')}"
         )
         assert pdgw("run", str(file), "--log-file", str(tmp_path / "log")).returncode == 1

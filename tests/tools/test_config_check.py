@@ -102,7 +102,6 @@ def test_an_object_missing_from_the_data_sheet_is_named_without_the_bus(tmp_path
     [
         (8, "", ""),
         (4, "", "needs real-time priority on a busy machine (docs/operation.md); the log shows whether it is granted"),
-        (4, "[realtime]\npriority = 0\n", "docs/operation.md); [realtime] priority = 0 disables it"),
     ],
 )
 def test_requirements_of_a_cycle_below_8_ms_are_printed(tmp_path: Path, cycle_ms: int, keys: str, said: str) -> None:

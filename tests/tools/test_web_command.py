@@ -44,7 +44,7 @@ def test_web_without_its_packages_names_the_extra(
     [
         ("[transport]\nstatus_port = 0\n", "needs the status port"),
         ('[web]\ntoken_file = "none"\n', "token_file"),
-        ('[web]\ntls_cert = "none"\ntls_key = "none"\n', "tls_cert"),
+        ('[web]\ntls_cert = "none"\n', "tls_cert"),
     ],
 )
 def test_start_errors_of_the_page_are_one_line(tmp_path: Path, lines: str, part: str) -> None:

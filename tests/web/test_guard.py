@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
@@ -168,7 +167,6 @@ def test_errors_have_text_and_field() -> None:
         ('listen = "gateway:8420"', "not an address with a port"),
         ('listen = "127.0.0.1"', "not an address with a port"),
         ('listen = "127.0.0.1:70000"', "not an address with a port"),
-        ('tls_cert = "c.pem"', "set both or none"),
         ('hosts = ["a b"]', "hosts"),
         ("control = true", "unknown key"),
     ],
@@ -219,11 +217,6 @@ def test_a_token_file_holds_one_long_line(tmp_path: Path, text: str) -> None:
 def test_missing_token_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(GatewayError, match="cannot be read"):
         read_token(tmp_path / "none")
-
-
-def test_a_certificate_needs_its_key() -> None:
-    with pytest.raises(ValidationError, match="set both or none"):
-        WebConfig(tls_key=Path("k"))
 
 
 @pytest.mark.parametrize("host", ["a..b", "x" * 64 + ".example"])

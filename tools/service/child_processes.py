@@ -101,8 +101,6 @@ def trace_keeper(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
         yield lambda path: None
         return
     options = [f"--on={item}" for item in trace.keep]
-    if trace.keep_directory is not None:
-        options.append(f"--to={trace.keep_directory}")
     process = subprocess.Popen(
         [sys.executable, "-m", "pdgw", "trace", "watch", "--attached", *options],
         stdin=subprocess.PIPE,

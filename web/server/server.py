@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from typing import Any
 
 import h11
 import uvicorn
@@ -121,9 +120,6 @@ class PageServer(uvicorn.Server):
 
 def made_server(app: ASGIApp, streams: Streams, places: Places, config: WebConfig) -> PageServer:
     """A server that is not started; ``serve(sockets=[...])`` runs it until SIGINT or SIGTERM."""
-    tls: dict[str, Any] = {}
-    if config.tls_cert is not None:
-        tls = {"ssl_certfile": config.tls_cert, "ssl_keyfile": config.tls_key}
     settings = uvicorn.Config(
         app,
         loop="asyncio",
@@ -138,12 +134,10 @@ def made_server(app: ASGIApp, streams: Streams, places: Places, config: WebConfi
         backlog=_AT_ONCE,
         timeout_graceful_shutdown=1,
         h11_max_incomplete_event_size=_REQUEST_MAX,
-        **tls,
+        ssl_certfile=config.tls_cert,
     )
     try:
         settings.load()
     except OSError as error:
-        raise GatewayError(
-            f"[web] tls_cert {config.tls_cert}, tls_key {config.tls_key}: cannot be used ({error})"
-        ) from error
+        raise GatewayError(f"[web] tls_cert {config.tls_cert}: cannot be used ({error})") from error
     return PageServer(settings, streams)

@@ -1,4 +1,4 @@
-"""Configuration of the gateway's environment: buses, nodes, transport, parameter channel, real-time priority."""
+"""Configuration of the gateway's environment: buses, nodes, transport, parameter channel."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import difflib
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from pathlib import Path
 from typing import Annotated, Final, Literal
-from uuid import UUID
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
@@ -25,7 +24,6 @@ from pdgw.gateway.configuration.tables.defaults import (
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.profinet.rpc.records import NIL
 from pdgw.profinet.station import IpSuite, check_name
 
 _NODE: Final = NodeSettings(node_id=1)
@@ -125,12 +123,8 @@ class TransportConfig(Section):
     peer: IPv4Address | None = None
     direct: Boolean = False
     """Only cables and switches are between PLC and ``udp``: no frame is late. Loopback always is direct."""
-    age_limit_ms: Annotated[float, Strict(), Field(ge=1, le=LONGEST_AGE_MS)] | None = None
-    """Frames of the PLC that may be older do not count (``udp``, not direct); None: twice the watchdog time."""
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""
-    ar_uuid: UUID = NIL
-    """ARUUID of the static application relationship."""
     station_name: Annotated[str, AfterValidator(_is_station_name)] = DEFAULT_STATION_NAME
     """P61000; of ``profinet`` the name until DCP gives another one, "" for none: a controller may name the device then."""
 
@@ -141,11 +135,9 @@ class TransportConfig(Section):
 
     @property
     def age_limit_ns(self) -> int | None:
-        """Greatest age of a frame of the PLC; None where no frame is late."""
+        """Greatest age of a frame of the PLC: twice the watchdog time. None where no frame is late."""
         if not self.delays:
             return None
-        if self.age_limit_ms is not None:
-            return int(self.age_limit_ms * MS)
         return int(min(2 * self.cycle_time_ms * self.watchdog_factor, LONGEST_AGE_MS) * MS)
 
     @property
@@ -163,12 +155,6 @@ class TransportConfig(Section):
     def _is_one_transport(self) -> TransportConfig:
         if self.type == "profinet" and self.direct:
             raise misplaced('direct: allowed only with type = "udp" (PROFINET is always direct)', "direct")
-        if self.age_limit_ms is not None and not self.delays:
-            raise misplaced(
-                'age_limit_ms: allowed only with type = "udp", without direct = true, and if listen is not loopback: '
-                "elsewhere no frame is late",
-                "age_limit_ms",
-            )
         if self.delays and self.cycle_time_ms * self.watchdog_factor > LONGEST_AGE_MS:
             raise misplaced(
                 f"watchdog_factor: {self.watchdog_factor} cycles of {self.cycle_time_ms:g} ms are more than "
@@ -229,13 +215,4 @@ class TraceConfig(Section):
     megabytes: Annotated[Integer, Field(ge=1, le=4096)] = 32
     """All records together at most."""
     keep: tuple[Trigger, ...] = ()
-    """Events with the seconds before and after them saved to a file."""
-    keep_directory: Path | None = None
-    """Where; None: ``traces`` in the state directory."""
-
-
-class RealtimeConfig(Section):
-    """Requests to the operating system for the exchange. A rejected default is only logged."""
-
-    priority: Annotated[Integer, Field(ge=0, le=99)] | None = None
-    """Priority of SCHED_FIFO. 0: normal scheduling; None: 40 if the system permits it."""
+    """Events with the seconds before and after them saved to a file in ``traces`` of the state directory."""

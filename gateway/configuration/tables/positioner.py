@@ -82,10 +82,10 @@ class PositionerConfig(BaseModel):
     max_deceleration: _Above0
     position_window: _Above0
     """Window around the target, in LU, in which it counts as reached."""
-    jog_1_velocity: _Position = -300
-    jog_2_velocity: _Position = 300
-    jog_1_distance: _Distance = 0
-    jog_2_distance: _Distance = 0
+    jog_velocities: tuple[_Position, _Position] = (-300, 300)
+    """Those of jog 1 and jog 2, signed."""
+    jog_distances: tuple[_Distance, _Distance] = (0, 0)
+    """Those of incremental jog 1 and 2."""
     software_limits: tuple[_Position, _Position] | None = None
     """Smallest and largest position."""
     reference_coordinate: _Position = 0
@@ -127,8 +127,8 @@ class PositionerConfig(BaseModel):
             self.max_acceleration,
             self.max_deceleration,
             self.position_window,
-            (self.jog_1_velocity, self.jog_2_velocity),
-            (self.jog_1_distance, self.jog_2_distance),
+            self.jog_velocities,
+            self.jog_distances,
             self.software_limits,
             self.reference_coordinate,
             self.homing_method,

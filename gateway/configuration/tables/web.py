@@ -55,7 +55,7 @@ class WebConfig(Section):
     hosts: tuple[Annotated[str, Field(pattern=_HOST_NAME)], ...] = ()
     """Names by which browsers reach it, beside its address: a page of another name is refused (DNS rebinding)."""
     tls_cert: Path | None = None
-    tls_key: Path | None = None
+    """PEM file with the certificate and its key."""
 
     @property
     def address(self) -> tuple[str, int]:
@@ -79,8 +79,6 @@ class WebConfig(Section):
                 "machine in hosts"
             )
             raise misplaced(text, "listen")
-        if (self.tls_cert is None) != (self.tls_key is None):
-            raise misplaced("tls_cert and tls_key: set both or none", "tls_cert" if self.tls_cert else "tls_key")
         return self
 
 
@@ -93,14 +91,11 @@ class MqttConfig(Section):
     """Before the name of the gateway."""
     username: str | None = None
     password_file: Path | None = None
-    tls: Boolean = False
-    ca_file: Path | None = None
-    """Certificates the broker's is checked with; without it those of the system."""
+    tls: Boolean | Path = False
+    """True: the system has the certificates that the broker's is checked with; or the file that has them."""
 
     @model_validator(mode="after")
     def _is_complete(self) -> MqttConfig:
         if self.password_file is not None and self.username is None:
             raise misplaced("password_file needs username", "password_file")
-        if self.ca_file is not None and not self.tls:
-            raise misplaced("ca_file: allowed only with tls = true", "ca_file")
         return self

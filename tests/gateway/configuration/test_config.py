@@ -432,7 +432,7 @@ def _shown(head: str, further: frozenset[str]) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("head", "section", "further"),
     [
-        ("[transport]", TransportConfig, {"vendor_id", "device_id", "ar_uuid", "listen"}),
+        ("[transport]", TransportConfig, {"vendor_id", "device_id", "listen"}),
         ("[[axis]]", AxisConfig, set()),
         ("# [trace]", TraceConfig, {"keep"}),
         ("# [web]", WebConfig, {"hosts"}),
@@ -453,6 +453,7 @@ def test_the_example_shows_a_key_that_has_a_default_with_its_default(
     for key, value in compared.items():
         default = defaults[key]
         default = default.value if isinstance(default, enum.Enum) else default
+        default = list(default) if isinstance(default, tuple) else default
         assert value == (default * 100 if key == "standstill_window_percent" else default), key
 
 

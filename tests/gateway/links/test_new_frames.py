@@ -289,7 +289,7 @@ def finding_text(site: Site) -> str:
 def test_a_constant_delay_above_the_limit_never_connects_and_is_named(delays: tuple[int, int]) -> None:
     site = Site(network=Network(delays=delays)).run(2000)
     assert not site.accepted
-    assert "ms old, limit 24 ms; raise age_limit_ms" in finding_text(site)
+    assert "ms old, limit 24 ms; raise watchdog_factor" in finding_text(site)
 
 
 def test_a_plc_that_reads_one_frame_a_scan_is_lost_and_named_when_its_socket_fills() -> None:

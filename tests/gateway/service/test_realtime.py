@@ -1,4 +1,4 @@
-"""Real-time scheduling: asked for by default and as configured; what is refused is logged with what would grant it."""
+"""Real-time scheduling: asked for by default; what is refused is logged with what would grant it."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ import os
 
 import pytest
 
-from pdgw.gateway.configuration.tables.environment import RealtimeConfig
 from pdgw.gateway.service import realtime
 from pdgw.gateway.service.realtime import DEFAULT_PRIORITY
 
-OTHER, FIFO = 0, 1
+OTHER, FIFO, BATCH = 0, 1, 3
 
 
 class System:
     """The scheduling calls of an operating system that grants or refuses."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *, policy: int = OTHER, refuses: bool = False) -> None:
-        self.policy, self.priority = policy, 0 if policy == OTHER else 77
+        self.policy, self.priority = policy, 77 if policy == FIFO else 0
         self.refuses = refuses
         self.asked: list[tuple[int, int, int]] = []
         monkeypatch.setattr(os, "SCHED_OTHER", OTHER, raising=False)
@@ -44,51 +43,38 @@ class Parameter:
 
 def test_the_default_asks_for_priority_40_and_logs_that_it_is_granted(monkeypatch: pytest.MonkeyPatch) -> None:
     system = System(monkeypatch)
-    lines = realtime.apply(RealtimeConfig(), 1)
+    line = realtime.request(1)
     assert system.asked == [(0, FIFO, DEFAULT_PRIORITY)]
-    assert lines == [(logging.INFO, "real-time priority 40 (SCHED_FIFO)")]
+    assert line == (logging.INFO, "real-time priority 40 (SCHED_FIFO)")
 
 
 def test_the_default_keeps_a_priority_that_the_starter_chose(monkeypatch: pytest.MonkeyPatch) -> None:
     system = System(monkeypatch, policy=FIFO)
-    assert realtime.apply(RealtimeConfig(), 1) == [(logging.INFO, "real-time priority 77 (SCHED_FIFO)")]
+    assert realtime.request(1) == (logging.INFO, "real-time priority 77 (SCHED_FIFO)")
     assert system.asked == []
 
 
 def test_a_refused_default_is_one_line_and_a_warning_below_8_ms(monkeypatch: pytest.MonkeyPatch) -> None:
     System(monkeypatch, refuses=True)
-    ((level, text),) = realtime.apply(RealtimeConfig(), 4)
+    level, text = realtime.request(4)
     assert level == logging.WARNING
     assert text.startswith("normal scheduling: SCHED_FIFO is not granted (Operation not permitted; LimitRTPRIO=40")
     assert text.endswith("a busy machine misses cycles of 4 ms")
-    ((level, text),) = realtime.apply(RealtimeConfig(), 8)
+    level, text = realtime.request(8)
     assert level == logging.INFO
     assert "missed" not in text
 
 
-def test_priority_0_keeps_the_usual_scheduling_and_logs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    system = System(monkeypatch)
-    assert realtime.apply(RealtimeConfig(priority=0), 1) == []
+def test_the_usual_scheduling_that_the_starter_chose_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = System(monkeypatch, policy=BATCH)
+    assert realtime.request(1) == (logging.INFO, "normal scheduling, as started")
     assert system.asked == []
-
-
-def test_a_configured_priority_that_is_refused_is_logged_with_the_right_it_needs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    System(monkeypatch, refuses=True)
-    ((level, line),) = realtime.apply(RealtimeConfig(priority=50), 4)
-    assert level == logging.WARNING
-    assert line.startswith("[realtime] priority = 50: Operation not permitted, ignored")
-    assert "CAP_SYS_NICE" in line
 
 
 def test_a_system_without_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("sched_setscheduler", "sched_getscheduler"):
         monkeypatch.delattr(os, name, raising=False)
-    assert [realtime.apply(RealtimeConfig(priority=priority), 8)[0][1] for priority in (50, None)] == [
-        "[realtime] priority = 50: not available on this operating system, ignored",
-        "normal scheduling: SCHED_FIFO is not available on this operating system",
-    ]
+    assert realtime.request(8)[1] == "normal scheduling: SCHED_FIFO is not available on this operating system"
 
 
 def test_a_process_started_beside_the_gateway_has_the_usual_scheduling(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,17 +83,10 @@ def test_a_process_started_beside_the_gateway_has_the_usual_scheduling(monkeypat
     assert system.asked == [(4711, OTHER, 0)]
 
 
-def test_priorities_are_0_to_99() -> None:
-    assert RealtimeConfig(priority=0).priority == 0
-    for wrong in (-1, 100):
-        with pytest.raises(ValueError, match="priority"):
-            RealtimeConfig(priority=wrong)
-
-
 def test_no_test_changes_the_scheduling_of_its_process() -> None:
     if not hasattr(os, "sched_getscheduler"):
         pytest.skip("the operating system has no scheduling classes")
     before = os.sched_getscheduler(0)
-    ((level, text),) = realtime.apply(RealtimeConfig(), 4)
+    level, text = realtime.request(4)
     assert os.sched_getscheduler(0) == before
     assert before or (level == logging.WARNING and "stays as it is" in text)

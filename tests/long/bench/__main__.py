@@ -44,14 +44,19 @@ def main() -> None:
     if unknown := set(chosen.tables) - set(_TABLES):
         parser.error(f"table {', '.join(sorted(unknown))}, allowed: {', '.join(_TABLES)}")
     names = chosen.tables or _TABLES
-    if chosen.realtime:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    policy, priority = (os.SCHED_FIFO, _PRIORITY) if chosen.realtime else (os.SCHED_BATCH, 0)
+    os.sched_setscheduler(0, policy, os.sched_param(priority))  # the gateway keeps it
     if names == ["profinet"] and not namespaces.inside():
         namespaces.enter("tests.long.bench")
     facts = (version("profidrive-gateway"), kind(), interpreter(), platform.release(), platform.machine())
-    priority = "real-time" if chosen.realtime else "usual"
     today = datetime.now(UTC).date().isoformat()
-    print(today, "pdgw", *facts, f"{os.cpu_count()} cores, {priority} priority", flush=True)
+    print(
+        today,
+        "pdgw",
+        *facts,
+        f"{os.cpu_count()} cores, {'real-time' if chosen.realtime else 'usual'} priority",
+        flush=True,
+    )
     if "exchange" in names:
         title = "cyclic exchange over UDP: until the answer is at the client"
         _print(title, exchange.TITLES, exchange.rows(chosen.seconds))

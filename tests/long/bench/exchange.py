@@ -257,7 +257,6 @@ def _gateway(axes: int, per_bus: int, cycle_ms: float) -> Iterator[tuple[int, in
     (status,) = free_ports(socket.SOCK_STREAM, 1)
     text = f"[transport]\ncycle_time_ms = {cycle_ms:g}\nwatchdog_factor = 255\n"
     text += f"cyclic_port = {cyclic}\nacyclic_port = {acyclic}\nstatus_port = {status}\n"
-    text += "[realtime]\npriority = 0\n"  # that of client and echo
     with ExitStack() as at_end:
         folder = Path(at_end.enter_context(tempfile.TemporaryDirectory()))
         drives = (sys.executable, "-m", "tests.long.bench.drives", str(axes), str(per_bus))

@@ -55,9 +55,6 @@ status_port = 0
 watchdog_factor = 100
 cycle_time_ms = {{cycle_ms}}
 
-[realtime]
-priority = 0
-
 [[axis]]
 do_id = 1
 node_id = 1

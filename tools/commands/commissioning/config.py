@@ -90,12 +90,10 @@ def _scheduling(config: GatewayConfig) -> str:
     """What a short cycle requires from the operating system, as text."""
     from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
 
-    asked = (
-        "[realtime] priority = 0 disables it"
-        if config.realtime.priority == 0
-        else "the log shows whether it is granted"
+    return (
+        f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/operation.md); "
+        "the log shows whether it is granted"
     )
-    return f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/operation.md); {asked}"
 
 
 def _print_bus_load(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan]) -> None:

@@ -148,14 +148,13 @@ def run(
     with ExitStack() as at_end:
         at_end.enter_context(kept_last_words(chosen.transport.status_port))
         keep = at_end.enter_context(trace_keeper(chosen.trace))
-        scheduling = realtime.apply(chosen.realtime, chosen.transport.cycle_time_ms)
+        scheduling = realtime.request(chosen.transport.cycle_time_ms)
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
         log.info("pdgw %s; %s", build_text(), config or "simulated devices")
         if beyond := beyond_measured(len(chosen.axis), chosen.transport.cycle_time_ms):
             log.warning("%s", beyond)
-        for level, text in scheduling:
-            log.log(level, "%s", text)
+        log.log(scheduling[0], "%s", scheduling[1])
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
