@@ -19,7 +19,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from pdgw.durations import MS, SECOND, US
 from pdgw.gateway.errors import GatewayError
@@ -40,18 +40,8 @@ _PATIENCE_S = 120
 _LARGEST = 2048
 
 
-class Dialogue(Protocol):
-    """The datagrams to a peer."""
-
-    def datagram(self) -> bytes | bytearray:
-        """The next datagram."""
-
-    def answers(self, data: bytes) -> bool:
-        """Whether ``data`` can only be an answer to the last datagram."""
-
-
 class Echo:
-    """Numbered datagrams of a size."""
+    """Numbered datagrams of a size. ``answers``: data can only be an answer to the last one."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -65,6 +55,12 @@ class Echo:
         return int.from_bytes(data, "big") == self._number
 
 
+def _speed(cycle: int) -> int:
+    """Each setpoint follows its negative, so that the shafts stay in place: the gateway compares speed and position."""
+    size = cycle % _SPEEDS // 2 + 1
+    return (size if cycle % 2 else -size) * _SPEED_STEP
+
+
 class Axes:
     """A PLC with telegram 1 on every axis, that sends another speed in each cycle."""
 
@@ -75,15 +71,14 @@ class Axes:
 
     def datagram(self) -> bytearray:
         self._cycle += 1
-        speed = self._cycle % _SPEEDS * _SPEED_STEP
-        self._endpoint.setpoints = [{"STW1": word, "NSOLL_A": speed} for word in self._words]
+        self._endpoint.setpoints = [{"STW1": word, "NSOLL_A": _speed(self._cycle)} for word in self._words]
         return self._endpoint.build(time.monotonic_ns())
 
     def answers(self, data: bytes) -> bool:
         """Whether the drives have the speed of the last cycle: then the gateway has processed this cycle's frame."""
         self._endpoint.receive(data, time.monotonic_ns())
         first = self._endpoint.actuals[0]
-        return first is not None and round(first["NIST_A"] / _SPEED_STEP) == (self._cycle - 1) % _SPEEDS
+        return first is not None and abs(first["NIST_A"] - _speed(self._cycle - 1)) < _SPEED_STEP / 2
 
     @property
     def _states(self) -> list[int]:
@@ -102,7 +97,7 @@ class Axes:
 class Peer:
     """The datagrams to a port of this machine, and the latencies of its answers in nanoseconds."""
 
-    def __init__(self, port: int, dialogue: Dialogue) -> None:
+    def __init__(self, port: int, dialogue: Echo | Axes) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.connect(("127.0.0.1", port))
         self.socket.setblocking(False)
