@@ -114,8 +114,7 @@ def _looked_up(header: RpcHeader, body: bytes) -> tuple[bytes, uuid.UUID | None]
 class ParameterClient:
     """One access point of a device. Raises GatewayError when it does not answer or refuses the record.
 
-    ``channel``: what reaches the device, a UDP socket without one. ``device``: its object UUID, which PROFINET devices look at.
-    ``activity``: UUID of its calls, a random one without it.
+    ``channel``: what reaches the device, a UDP socket without one. ``caller``: of a relationship that the station has.
     """
 
     def __init__(
@@ -126,18 +125,16 @@ class ParameterClient:
         slot: int = 1,
         subslot: int = 1,
         local: bool = False,
-        ar_uuid: uuid.UUID = NIL,
-        device: uuid.UUID | None = None,
         timeout_s: float = 30,
         channel: Channel | None = None,
-        activity: uuid.UUID | None = None,
+        caller: RecordCaller | None = None,
     ) -> None:
         self.do_id = do_id
         self.address = address
         self._place = (PROFILE_ID if slot else 0, slot, subslot)  # slot 0 has no profile
         self._index = RECORD_LOCAL if local else RECORD_GLOBAL
         self._timeout_s = timeout_s
-        self._caller = RecordCaller(activity or uuid.uuid4(), device or object_uuid(1, 0, 0), ar_uuid)
+        self._caller = caller or RecordCaller(uuid.uuid4(), object_uuid(1, 0, 0))
         self._connected = False
         self._references = itertools.cycle(range(1, 256))
         self._channel: Channel = UdpChannel(address) if channel is None else channel

@@ -101,7 +101,7 @@ ROWS = {
     "peers.bus": "ds301 gateway.errors peers.node",
     "peers.plc.exchange": f"{_FIELD} gateway client",
     "peers.plc": f"{_FIELD} gateway client peers.plc.exchange",
-    "peers.controller": f"{_FIELD} gateway peers.plc",
+    "peers.controller": f"{_FIELD} gateway client peers.plc",
     "peers.simulation": f"{_FIELD} gateway peers.bus peers.drive peers.encoder peers.node peers.option_values",
     "peers.world": f"{_FIELD} gateway client peers.plc peers.plc.exchange peers.drive peers.encoder peers.simulation",
     "tools": _ALL,

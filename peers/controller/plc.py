@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from ipaddress import IPv4Interface
+from uuid import uuid4
 
 from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS, SECOND
@@ -26,6 +27,7 @@ from pdgw.profinet.model import (
     access_module,
     object_module,
 )
+from pdgw.profinet.rpc.client import RecordCaller
 
 _RETRY_NS = SECOND
 _CONNECT_S = 30
@@ -106,9 +108,8 @@ class ProfinetPlc(PlcRunner):
 
     def _open_parameters(self) -> ParameterClient:
         controller = self._controller
-        return ParameterClient(
-            controller.device_address, 1, ar_uuid=controller.ar_uuid, device=controller.device_object
-        )
+        caller = RecordCaller(uuid4(), controller.device_object, controller.ar_uuid)
+        return ParameterClient(controller.device_address, 1, caller=caller)
 
     def close(self) -> None:
         super().close()

@@ -86,7 +86,7 @@ def test_missing_gateway_is_reported_while_the_scenario_waits(
     answered: bool, draws: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     endpoint = PlcEndpoint([telegram(1)], 4_000_000)
-    output = Output(endpoint, 500, as_lines=draws, snapshots=draws)
+    output = Output(endpoint, 500, as_lines=draws)
     endpoint.counters["received"] = int(answered)
     for _ in range(600):
         endpoint.build()

@@ -55,7 +55,7 @@ def test_places_and_relationships_that_do_not_exist_are_refused(shared: tuple[Da
     for options, reason in (
         ({"slot": 2}, "invalid slot"),
         ({"subslot": 3}, "invalid slot"),
-        ({"ar_uuid": UUID(int=1)}, "AR UUID unknown"),
+        ({"caller": RecordCaller(uuid4(), object_uuid(1, 0, 0), UUID(int=1))}, "AR UUID unknown"),
     ):
         with client_of(shared[0], address, 1, **options) as client, pytest.raises(GatewayError, match=reason):
             client.read_record(identification.INDEX)

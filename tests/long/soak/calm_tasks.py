@@ -24,6 +24,8 @@ from pdgw.peers.world import WorldChannel
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import float_of, float_pattern
+from pdgw.profinet.rpc.client import RecordCaller
+from pdgw.profinet.rpc.dcerpc import object_uuid
 from tests.long.soak.plan import TRANSPARENT
 from tests.long.soak.watch import RATED_RPM, ViolationError
 
@@ -494,8 +496,8 @@ class EncoderProgram(Program):
         relative = self.chance.random() < 0.5
         value = self.chance.randrange(1, 1_000_000)
         channel = WorldChannel(self.of.world, self.of.acyclic, "192.168.0.20")
-        activity = uuid.UUID(int=self.chance.getrandbits(128))
-        with ParameterClient(self.of.acyclic, 1, channel=channel, activity=activity, timeout_s=3) as client:
+        caller = RecordCaller(uuid.UUID(int=self.chance.getrandbits(128)), object_uuid(1, 0, 0))
+        with ParameterClient(self.of.acyclic, 1, channel=channel, caller=caller, timeout_s=3) as client:
             (answer,) = client.request([ParameterAddress(_PRESET_PNU)], [Values(DataType.INTEGER32, (value,))])
         if answer.failed:
             raise ViolationError(f"P{_PRESET_PNU} is rejected: {answer.text}")

@@ -16,6 +16,8 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.faults import SIZE
 from pdgw.profidrive.parameters.pnu import Pnu
+from pdgw.profinet.rpc.client import RecordCaller
+from pdgw.profinet.rpc.dcerpc import object_uuid
 from tests.long.soak.emcy_check import PendingEmcys
 
 HOST: Final = "192.168.0.20"
@@ -41,9 +43,9 @@ class Engineer:
         self, do_id: int, pnus: Sequence[int], values: list[Values] | None = None, host: str = HOST, elements: int = 0
     ) -> list[Values] | None:
         channel = WorldChannel(self._world, self._gateway, host)
-        activity = uuid.UUID(int=self._chance.getrandbits(128))
+        caller = RecordCaller(uuid.UUID(int=self._chance.getrandbits(128)), object_uuid(1, 0, 0))
         try:
-            with ParameterClient(self._gateway, do_id, channel=channel, activity=activity, timeout_s=3) as client:
+            with ParameterClient(self._gateway, do_id, channel=channel, caller=caller, timeout_s=3) as client:
                 answers = client.request([ParameterAddress(pnu, 0, elements) for pnu in pnus], values)
         except GatewayError:
             return None
