@@ -1,12 +1,13 @@
 """What a gateway and a PLC do in the recordings that are replayed, and the kept ones: recorded by the version that wrote them.
 
 ``python -m tests.decoder.replay.runs`` records all of them again with this version. Do so only for an intended change of the axis
-machine, after you have read the differences.
+machine, after you have read the differences. With names it records only these.
 """
 
 from __future__ import annotations
 
 import lzma
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -107,9 +108,26 @@ def presets(plc: Plc) -> None:
     run(plc, 100)
 
 
+def silent_drive(plc: Plc) -> None:
+    """STW1.3 changes twice while the drive shows nothing of it; then the drive is lost and found again while ON stays."""
+    drive = drive_of(plc.daemon)
+    plc.enable()
+    for words, cycles in (((ON & ~8, ON), 5), ((ON,), 80)):
+        drive.do(lambda node: node.misbehave("lost-pdos", every=1))
+        for word in words:
+            plc.endpoint.set(0, {"STW1": word})
+            run(plc, cycles)
+        drive.do(lambda node: node.behave())
+        run(plc, 40)
+    plc.enable()
+    plc.endpoint.set(0, {"STW1": OFF})
+    run(plc, 20)
+
+
 RUNS: dict[str, tuple[str, Callable[[Plc], None]]] = {
     "telegram 1": (axis(1), speeds),
     "telegram 3": (axis(1, telegram_number=3), speeds),
+    "silent drive": (axis(1), silent_drive),
     "telegram 102": (axis(1, telegram_number=102), speeds),
     "telegram 9": (axis(1, telegram_number=9), tasks),
     "telegram 100": (axis(1, telegram_number=100), raw),
@@ -121,18 +139,21 @@ RUNS: dict[str, tuple[str, Callable[[Plc], None]]] = {
 }
 
 
-def keep() -> None:
-    """Record every run, and replace the kept recordings."""
-    KEPT.mkdir(exist_ok=True)
-    for path in KEPT.iterdir():
-        path.unlink()
-    for name, (tables, happens) in RUNS.items():
-        with tempfile.TemporaryDirectory() as folder:
-            with recorded(configuration(tables), Path(folder)) as plc:
-                happens(plc)
-            data = Path(recording(Path(folder))).read_bytes()
-        (KEPT / f"{name.replace(' ', '-')}.pcapng.xz").write_bytes(lzma.compress(data, preset=9))
+def kept(name: str) -> Path:
+    """The file of a run."""
+    return KEPT / f"{name.replace(' ', '-')}.pcapng.xz"
+
+
+def keep(name: str) -> None:
+    """Record a run, and replace its kept recording."""
+    tables, happens = RUNS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        with recorded(configuration(tables), Path(folder)) as plc:
+            happens(plc)
+        data = Path(recording(Path(folder))).read_bytes()
+    kept(name).write_bytes(lzma.compress(data, preset=9))
 
 
 if __name__ == "__main__":
-    keep()
+    for chosen in sys.argv[1:] or RUNS:
+        keep(chosen)
