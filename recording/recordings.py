@@ -10,7 +10,6 @@ import heapq
 import os
 import re
 import sys
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -25,16 +24,16 @@ from pdgw.decoder.capture.source import STANDARD_INPUT, Source, open_source
 from pdgw.decoder.export.trace_page import TracePage
 from pdgw.decoder.frames.canopen.records import CanRecord
 from pdgw.decoder.frames.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
-from pdgw.decoder.frames.records import BusKind, CyclicRecord, Record, StepRecord
+from pdgw.decoder.frames.records import BusKind, CyclicRecord, Record
 from pdgw.decoder.replay.replay import Replayed, replay
 from pdgw.decoder.timeline.builder import HOLD_NS, TimelineBuilder
-from pdgw.decoder.timeline.clocks import ONE_CLOCK, AxisWords, Clocks, collect, correlate
-from pdgw.decoder.timeline.entries import Entry
+from pdgw.decoder.timeline.clocks import ONE_CLOCK, Clocks, correlate
+from pdgw.decoder.timeline.entries import Edge, Entry
 from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config, parse_config
-from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS
+from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS, WATCHDOG_FACTOR
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.blocks import Description
 from pdgw.gateway.trace.reader import Cycle, Frame, Parser
@@ -56,11 +55,11 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Known:
-    """Known facts; ``cycle_ns`` None: measured, ``watchdog_factor`` None: the default."""
+    """Known facts; ``cycle_ns`` None: measured."""
 
     settings: Settings = field(default_factory=Settings)
     cycle_ns: int | None = None
-    watchdog_factor: int | None = None
+    watchdog_factor: int = WATCHDOG_FACTOR
 
 
 def known_from(
@@ -173,22 +172,26 @@ def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify
     if not known.settings.axes:
         known = replace(known, settings=replace(known.settings, axes=_inferred(files, known, notify)))
         assumed.append("telegrams from the frame lengths; the axis number is the node-ID")
-    axes = known.settings.axes
-    words = {axis.do_id: AxisWords() for axis in axes}
+    if known.cycle_ns is None:
+        assumed.append(f"a watchdog of {known.watchdog_factor} cycles of the PLC")
+    edges: list[Edge] = []
     times: list[int] = []
     first: list[int] = []
     buses: dict[str, set[BusKind]] = {file: set() for file in files}
     for file in files:
+        words = TimelineBuilder(known.settings.axes, cycle_ns=USUAL_CYCLE_MS * MS)
         with open_source(file) as source:
             packets = islice(source.packets, INFER_FROM) if len(files) == 1 else source.packets
             for record in _decoded_from(packets, known.settings, notify):
                 first = first or [record.time_ns]
                 if isinstance(record, CyclicRecord | CanRecord):
                     buses[file].add(record.bus)
-                    collect(words, axes, record)
+                if len(files) > 1:
+                    edges += (entry for entry in words.add(record) if isinstance(entry, Edge))
                 is_frame = isinstance(record, CyclicRecord) and (not times or record.direction is Direction.SETPOINT)
                 if is_frame and len(times) < _CYCLES:
                     times.append(record.time_ns)
+        edges += (entry for entry in words.finish() if isinstance(entry, Edge))
     seen = set[BusKind]().union(*buses.values())
     if not first:
         raise GatewayError(f"{', '.join(files)}: no packets")
@@ -198,7 +201,7 @@ def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify
     elif len(files) == 1 or len(seen) < len(BusKind) or any(len(found) > 1 for found in buses.values()):
         clocks = Clocks(0, origin=ONE_CLOCK)
     else:
-        clocks = correlate(words, {axis.do_id: axis.telegram for axis in axes}, cycle_ns)
+        clocks = correlate(edges, cycle_ns)
     shifted = frozenset(file for file, found in buses.items() if BusKind.PLC not in found)
     return Opening(tuple(files), known, clocks, cycle_ns, (times or first)[0], shifted, tuple(assumed))
 
@@ -217,17 +220,18 @@ class Part:
     end_ns: int | None = None
     do_ids: frozenset[int] = frozenset()
 
-    def has(self, time_ns: int, do_id: int) -> bool:
-        """Whether something of this time and drive object (0: of all) belongs to it."""
+    def has(self, item: Entry | Record) -> bool:
+        """Whether an entry or a packet belongs to it. Packets and some entries are those of all drive objects."""
+        do_id = 0 if isinstance(item, Record) else item.do_id
         return (
-            (self.begin_ns is None or time_ns >= self.begin_ns)
-            and (self.end_ns is None or time_ns <= self.end_ns)
+            (self.begin_ns is None or item.time_ns >= self.begin_ns)
+            and (self.end_ns is None or item.time_ns <= self.end_ns)
             and (not self.do_ids or do_id in self.do_ids or not do_id)
         )
 
 
-def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) -> Iterator[Entry | Record]:
-    """The timeline of a part, in the order of time; with ``packets`` every packet of that time too."""
+def followed(opening: Opening, part: Part = Part()) -> Iterator[Entry | Record]:
+    """The timeline of a part with every packet of that time, in the order of time."""
     known = opening.known
     builder = TimelineBuilder(
         known.settings.axes,
@@ -235,42 +239,17 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
         watchdog_factor=known.watchdog_factor,
         uncertainty_ns=opening.clocks.uncertainty_ns,
     )
-    waiting: deque[Record] = deque()
-    stop_ns = None if part.end_ns is None else part.end_ns + HOLD_NS
-
-    def before(time_ns: int | None) -> Iterator[Record]:
-        while waiting and (time_ns is None or waiting[0].time_ns <= time_ns):
-            yield waiting.popleft()
-
-    def given(entries: Sequence[Entry]) -> Iterator[Entry | Record]:
-        for entry in entries:
-            if part.has(entry.time_ns, entry.do_id):
-                yield from before(entry.time_ns)
-                yield entry
-
     for record in opening.records():
-        if stop_ns is not None and record.time_ns > stop_ns:
+        if part.end_ns is not None and record.time_ns > part.end_ns + HOLD_NS:
             break
-        if packets and not isinstance(record, StepRecord) and part.has(record.time_ns, 0):
-            waiting.append(record)
-        entries = builder.add(record)
-        if entries:
-            yield from given(entries)
-        if waiting and builder.horizon_ns is not None:
-            yield from before(builder.horizon_ns)
-    yield from given(builder.finish())
-    yield from before(None)
-
-
-def entries_of(opening: Opening, part: Part = Part()) -> Iterator[Entry]:
-    """The timeline of a part without packets."""
-    return (item for item in followed(opening, part) if not isinstance(item, Record))
+        yield from (item for item in builder.add(record) if part.has(item))
+    yield from (item for item in builder.finish() if part.has(item))
 
 
 def write_page(opening: Opening, part: Part, path: Path) -> None:
     """The timeline of a part as an HTML page with its curves; GatewayError when it cannot be written."""
     page = TracePage(" ".join(Path(file).name for file in opening.files), opening.begin_ns)
-    for item in followed(opening, part, packets=True):
+    for item in followed(opening, part):
         page.take(item)
     page.write(path)
 

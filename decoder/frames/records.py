@@ -224,11 +224,15 @@ class CyclicRecord(Record):
         return self.values[0]
 
     @property
+    def wrong(self) -> list[str]:
+        """Bits of DataStatus that a normal frame has and this one lacks."""
+        return [name for name, mask in DATA_STATUS_BITS.items() if not self.data_status & mask]
+
+    @property
     def summary(self) -> str:
         text = f"FrameID {self.frame_id:04X}h counter {self.cycle_counter} status {self.data_status:02X}h"
-        wrong = [name for name, mask in DATA_STATUS_BITS.items() if not self.data_status & mask]
-        if wrong:
-            text += f" (not {', '.join(wrong)})"
+        if self.wrong:
+            text += f" (not {', '.join(self.wrong)})"
         if self.tick:
             text += f" tick {self.tick}"
         if self.age_ns is not None:

@@ -9,19 +9,14 @@ distance is the uncertainty. Without edges from CAN to PLC the delay of the gate
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from pdgw.decoder.frames.canopen.records import CanRecord, PdoRecord
-from pdgw.decoder.frames.profinet.cyclic import Axis
-from pdgw.decoder.frames.records import CyclicRecord
-from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
-from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.decoder.timeline.entries import Edge, WordKind
+from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, StatusBit
 from pdgw.durations import MS, SECOND
-from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import ApplicationMode, Direction, telegram
 
 MAX_EDGES: Final = 300
 """Edges of one bit that are compared: the first ones."""
@@ -32,47 +27,6 @@ _OUTLIERS = 0.1
 _AMBIGUOUS = 0.8
 ONE_CLOCK: Final = "one clock"
 """The origin where nothing had to be found out."""
-
-
-class Word(NamedTuple):
-    """A control or status word that differs from the one before."""
-
-    time_ns: int
-    value: int
-
-
-@dataclass
-class AxisWords:
-    """The words of one axis as both buses carried them; a word that repeats the one before may be left out."""
-
-    control: list[Word] = field(default_factory=list)
-    """First signal of the PLC's frames (STW1, Controlword)."""
-    status: list[Word] = field(default_factory=list)
-    """First signal of the gateway's frames (ZSW1, Statusword)."""
-    controlword: list[Word] = field(default_factory=list)
-    statusword: list[Word] = field(default_factory=list)
-
-
-def collect(words: Mapping[int, AxisWords], axes: Sequence[Axis], record: CyclicRecord | CanRecord) -> None:
-    """Add the words of a record; ``words`` by DO-ID."""
-    if isinstance(record, CyclicRecord):
-        to_gateway = record.direction is Direction.SETPOINT
-        for do_id, _, _, first, _, _ in record.layout.axes:
-            if (known := words.get(do_id)) is not None:
-                _add(known.control if to_gateway else known.status, record.time_ns, record.values[first])
-    elif isinstance(record, PdoRecord):
-        layout = record.layout
-        for axis in axes:
-            if axis.node == record.node and axis.bus in {"", record.channel}:
-                known = words[axis.do_id]
-                for address, kept in ((CONTROLWORD, known.controlword), (STATUSWORD, known.statusword)):
-                    if address in layout.addresses:
-                        _add(kept, record.time_ns, layout.unpack(record.data)[layout.addresses.index(address)])
-
-
-def _add(words: list[Word], now: int, value: object) -> None:
-    if isinstance(value, int) and (not words or words[-1].value != value):
-        words.append(Word(now, value))
 
 
 @dataclass(frozen=True)
@@ -113,129 +67,98 @@ class Clocks:
         return f"{said}: {quality}"
 
 
-_COMMON = {
-    signal("STW1").bit(name).mask: (mask, False)
-    for name, mask in (
-        ("ON", ControlBit.SWITCH_ON),
-        ("NO_COAST_STOP", ControlBit.ENABLE_VOLTAGE),
-        ("NO_QUICK_STOP", ControlBit.QUICK_STOP),
-        ("ENABLE_OPERATION", ControlBit.ENABLE_OPERATION),
-        ("FAULT_ACKNOWLEDGE", ControlBit.FAULT_RESET),
+_COMMANDS: Final = {WordKind.CONTROL, WordKind.CONTROLWORD}
+_STATUS: Final = STATE_BITS & ~StatusBit.OPERATION_ENABLED | StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
+"""Bits that ZSW1 shows as the Statusword does."""
+_CONTROL: Final = Command.ENABLE_OPERATION.mask | ControlBit.FAULT_RESET
+"""Bits of the Controlword that follow those of STW1 at once, when anything follows."""
+
+
+def _changes(edge: Edge) -> Iterator[tuple[int, bool]]:
+    """The changed bits that both buses show, by their mask on CAN, and whether they were set."""
+    changed = edge.before ^ edge.after
+    shown = changed & (_CONTROL if edge.kind in _COMMANDS else _STATUS)
+    for mask in (1 << place for place in range(shown.bit_length())):
+        if shown & mask:
+            yield mask, bool(edge.after & mask)
+    task = edge.field.bit("activate_task") or edge.field.bit("new_setpoint")
+    if task is not None and changed & task.mask:
+        yield ControlBit.NEW_SETPOINT, bool(edge.after & task.mask)
+
+
+class _Distance(NamedTuple):
+    """CAN time minus PLC time of two equal edges, whether the CAN edge is the effect, and the PLC edge."""
+
+    value: int
+    is_effect: bool
+    edge: object
+
+
+def _distances(edges: Iterable[Edge]) -> tuple[list[_Distance], int]:
+    """Distances of all pairs of equal edges in their order, and how many edges of the PLC's side there are."""
+    times: defaultdict[tuple[int, bool, int, bool], tuple[list[int], list[int]]] = defaultdict(lambda: ([], []))
+    for edge in edges:
+        for mask, is_set in _changes(edge):
+            found = times[edge.do_id, edge.kind in _COMMANDS, mask, is_set][edge.kind.on_can]
+            if len(found) < MAX_EDGES:
+                found.append(edge.time_ns)
+    distances = [
+        _Distance(there - here, key[1], (key, here))
+        for key, (of_plc, of_can) in times.items()
+        for here in of_plc
+        for there in of_can
+    ]
+    return sorted(distances, key=lambda item: item.value), sum(
+        len(of_plc) for of_plc, of_can in times.values() if of_can
     )
-}
-_TASKS = {
-    signal("STW1").bit(name, positioning=True).mask: pair
-    for name, pair in {
-        "ACTIVATE_TASK": (ControlBit.NEW_SETPOINT, False),
-        "NO_INTERMEDIATE_STOP": (ControlBit.HALT, True),
-    }.items()
-}
-_CONTROL: Final[dict[ApplicationMode, dict[int, tuple[int, bool]]]] = {
-    ApplicationMode.VELOCITY: _COMMON,
-    ApplicationMode.POSITIONING: _COMMON | _TASKS,
-    ApplicationMode.TRANSPARENT: {1 << bit: (1 << bit, False) for bit in range(16)},
-}
-"""Controlword bit (and whether inverted) that follows a bit of the PLC's control word at once, when anything follows."""
-_STATUS: Final = (
-    StatusBit.READY_TO_SWITCH_ON,
-    StatusBit.SWITCHED_ON,
-    StatusBit.FAULT,
-    StatusBit.VOLTAGE_ENABLED,
-    StatusBit.NO_QUICK_STOP,
-    StatusBit.SWITCH_ON_DISABLED,
-    StatusBit.REMOTE,
-)
-"""Bits a status word shows as the Statusword does."""
 
 
-def _edges(words: Sequence[Word], mask: int, inverted: bool = False) -> Iterator[tuple[bool, int]]:
-    """Direction and time of each change of a bit."""
-    for before, word in pairwise(words):
-        if (before.value ^ word.value) & mask:
-            yield bool(word.value & mask) is not inverted, word.time_ns
-
-
-def _times(words: Sequence[Word], mask: int, rising: bool, inverted: bool = False) -> list[int]:
-    return [now for up, now in _edges(words, mask, inverted) if up is rising][:MAX_EDGES]
-
-
-Distance = tuple[int, bool, object]
-"""CAN time minus PLC time of two equal edges, whether the CAN edge is the effect, and the PLC edge."""
-
-
-def _distances(words: AxisWords, number: int, key: object) -> tuple[list[Distance], int]:
-    """Distances of all pairs of equal edges of one axis, and how many edges of the PLC's side there are."""
-    found: list[Distance] = []
-    edges = 0
-    for rising in (True, False):
-        for mask, (other, inverted) in _CONTROL.get(telegram(number).mode, {}).items():
-            effects = _times(words.controlword, other, rising, inverted)
-            causes = _times(words.control, mask, rising)
-            edges += len(causes) if effects else 0
-            found += [(effect - cause, True, (key, mask, cause)) for cause in causes for effect in effects]
-        for mask in _STATUS:
-            causes = _times(words.statusword, mask, rising)
-            effects = _times(words.status, mask, rising)
-            edges += len(effects) if causes else 0
-            found += [(cause - effect, False, (key, -mask, effect)) for cause in causes for effect in effects]
-    return found, edges
-
-
-def correlate(words: Mapping[int, AxisWords], telegrams: Mapping[int, int], cycle_ns: int) -> Clocks:
-    """Find the offset; ``telegrams`` by DO-ID, ``words`` each side on its own clock."""
-    distances: list[Distance] = []
-    edges = 0
-    for do_id, item in words.items():
-        found, count = _distances(item, telegrams[do_id], do_id)
-        distances += found
-        edges += count
+def correlate(edges: Iterable[Edge], cycle_ns: int) -> Clocks:
+    """Find the offset from the edges of both captures, each side on its own clock."""
+    distances, count = _distances(edges)
     if not distances:
         return Clocks(0, origin="not known")
-    distances.sort(key=lambda item: item[0])
-    values = [item[0] for item in distances]
+    values = [item.value for item in distances]
     width = _WIDTH_CYCLES * cycle_ns
     counts = _votes(distances, values, width)
     # One clock is more likely than two: of equal candidates take the one nearest to 0.
     best = max(range(len(values)), key=lambda i: (counts[i], -abs(values[i] + width // 2)))
     low, high = values[best], values[best] + width
     rivals = max((counts[i] for i, value in enumerate(values) if not low - width < value < high), default=0)
-    cluster = distances[best : bisect_right(values, high)]
-    offset, uncertainty = _between(cluster, cycle_ns)
-    return Clocks(offset, uncertainty, counts[best], edges, rivals, "correlated")
+    offset, uncertainty = _between(distances[best : bisect_right(values, high)], cycle_ns)
+    return Clocks(offset, uncertainty, counts[best], count, rivals, "correlated")
 
 
-def _votes(distances: Sequence[Distance], values: Sequence[int], width: int) -> list[int]:
+def _votes(distances: Sequence[_Distance], values: Sequence[int], width: int) -> list[int]:
     """Number of different edges of the PLC's side with a partner in the window that starts at each distance."""
     counts = []
-    inside: dict[object, int] = {}
+    inside: Counter[object] = Counter()
     end = 0
     for begin, value in enumerate(values):
         while end < len(values) and values[end] <= value + width:
-            inside[distances[end][2]] = inside.get(distances[end][2], 0) + 1
+            inside[distances[end].edge] += 1
             end += 1
         counts.append(len(inside))
-        edge = distances[begin][2]
+        edge = distances[begin].edge
         inside[edge] -= 1
         if not inside[edge]:
             del inside[edge]
     return counts
 
 
-def _between(cluster: Sequence[Distance], cycle_ns: int) -> tuple[int, int]:
+def _between(cluster: Sequence[_Distance], cycle_ns: int) -> tuple[int, int]:
     """Offset and uncertainty: effects on CAN come after the offset, causes before it."""
-    after = sorted(distance for distance, effect, _ in cluster if effect)
-    before = sorted(distance for distance, effect, _ in cluster if not effect)
-    highest = after[int(_OUTLIERS * len(after))] if after else None
-    lowest = before[-1 - int(_OUTLIERS * len(before))] if before else None
-    if highest is None or lowest is None:
+    after = [item.value for item in cluster if item.is_effect]
+    before = [item.value for item in cluster if not item.is_effect]
+    if not after or not before:
         # With one direction only, delay of the gateway and clock offset cannot be separated.
-        lowest = highest = highest if highest is not None else lowest or 0
+        lowest = highest = after[int(_OUTLIERS * len(after))] if after else before[-1 - int(_OUTLIERS * len(before))]
         error_bound = cycle_ns
     else:
-        error_bound = (highest - lowest) // 2
-        if lowest > highest:  # the recorders' own delays are longer than those between the edges
-            lowest, highest = highest, lowest
-            error_bound = (cluster[-1][0] - cluster[0][0]) // 2
+        ends = after[int(_OUTLIERS * len(after))], before[-1 - int(_OUTLIERS * len(before))]
+        lowest, highest = sorted(ends)
+        is_late = ends[0] < ends[1]  # the recorders' own delays are longer than those between the edges
+        error_bound = (cluster[-1].value - cluster[0].value if is_late else highest - lowest) // 2
     if lowest - cycle_ns // 2 <= 0 <= highest + cycle_ns // 2:
         return 0, max(error_bound, abs(lowest), abs(highest))
     return (lowest + highest) // 2, error_bound

@@ -6,24 +6,15 @@ Without I/O.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 from pdgw.decoder.frames.canopen.records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
-from pdgw.decoder.frames.fields import Field, entry_field, half_fields
+from pdgw.decoder.frames.fields import Field
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Event, ReasonChange, WordKind
-from pdgw.dsp402.identification.overlay import all_families
+from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
-from pdgw.dsp402.objects import (
-    CONTROL_ATTRIBUTE,
-    CONTROLWORD,
-    DRIVE_OBJECTS,
-    MODE,
-    MODE_DISPLAY,
-    STATUS_ATTRIBUTE,
-    STATUSWORD,
-)
+from pdgw.dsp402.objects import CONTROLWORD, MODE, MODE_DISPLAY, STATUSWORD
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
@@ -32,14 +23,11 @@ from pdgw.gateway.reasons import GATEWAY_FAULTS, AxisState, Reason
 from pdgw.gateway.trace.blocks import TracedObject
 from pdgw.gateway.trace.codec import from_json
 from pdgw.gateway.trace.reader import Step
-from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.profidrive.telegrams import Direction
 
-SETTLE_NS: Final = 100 * MS
-"""The result of an edge is its reason after this time, or at the next edge; of an ON that of when the drive has followed it."""
 RESPONSE_NS: Final = SECOND
-"""A drive that has not answered a Controlword within this time has missed it."""
-NOT_VALID: Final = "not evaluated: no valid frame (stale, stopped, or IOPS BAD)"
-OVERTAKEN: Final = "not evaluated: the frame was overtaken by a newer one, or waited for one that confirms it"
+"""A drive that has not answered a Controlword, or not started, within this time has missed it."""
+NOT_USED: Final = "not evaluated: the frame was not valid (old, stopped or IOPS BAD), or a newer one overtook it"
 _RESET: Final = 0
 """EMCY error code "error reset or no error"."""
 _CYCLES: Final = 2
@@ -49,17 +37,11 @@ _CAUSES: Final = {
     WordKind.STATUS: (WordKind.STATUSWORD, WordKind.CONTROL),
 }
 """The words that the gateway reads before it sends a word."""
+_WORDS: Final = {CONTROLWORD: WordKind.CONTROLWORD, STATUSWORD: WordKind.STATUSWORD}
 _DRIVES: Final = frozenset(DRIVE_TELEGRAM_NUMBERS)
+_PENDING: Final = {AxisState.STARTING, AxisState.FAULT}
+"""The result of an edge may change: the drive starts, or its fault is acknowledged."""
 _LEAVING: Final = {State.OPERATION_ENABLED, State.FAULT, State.FAULT_REACTION_ACTIVE}
-
-
-@dataclass(frozen=True)
-class _Command:
-    """A Controlword that the drive must answer with a change of one of the ``bits`` of its Statusword."""
-
-    edge: Edge
-    bits: int
-    statusword: int
 
 
 class ObjectFollower:
@@ -75,82 +57,61 @@ class ObjectFollower:
         self._early = uncertainty_ns
         self._bad_since: dict[Direction, int] = {}
         """Process data that is marked as bad."""
-        chosen, families = telegram(axis.telegram), all_families()
-        self._fields: dict[WordKind, Field] = {
-            WordKind.CONTROL: half_fields(chosen.setpoints)[0],
-            WordKind.STATUS: half_fields(chosen.actuals)[0],
-            WordKind.CONTROLWORD: entry_field(DRIVE_OBJECTS.attribute(CONTROL_ATTRIBUTE), families),
-            WordKind.STATUSWORD: entry_field(DRIVE_OBJECTS.attribute(STATUS_ATTRIBUTE), families),
-        }
-        self._values: dict[WordKind, int] = {}
+        self._words: dict[WordKind, tuple[int, Field]] = {}
         self._newest: dict[WordKind, Edge] = {}
-        self._command: _Command | None = None
+        self._command: Edge | None = None
+        """The newest edge of the Controlword until the drive has answered it."""
         self._mode_asked: int | None = None
         self._mode_shown: int | None = None
         self._mode_since: int | None = None
         self._control: Edge | None = None
         """An edge of the PLC that no step has used yet."""
         self._settling: Edge | None = None
-        """An edge of the PLC without its final result."""
+        """An edge of the PLC whose result may change."""
         self._reason: Reason | str | None = ""
 
     # -- words and their causes ---------------------------------------------------------------------------------------
 
-    def word(self, kind: WordKind, now: int, value: int) -> None:
+    def word(self, kind: WordKind, now: int, value: int, field: Field) -> None:
         """A word as it was sent."""
-        before = self._values.get(kind)
-        self._values[kind] = value
-        if before is None or before == value:
+        before, _ = self._words.get(kind, (value, field))
+        self._words[kind] = value, field
+        if before == value:
             return
-        edge = Edge(now, self.axis.do_id, kind, self._fields[kind], before, value)
+        edge = Edge(now, self.axis.do_id, kind, field, before, value)
         self._put(edge)
-        if self._early:
-            self._follow_up(edge)
+        newest = self._newest
+        newest[kind] = edge
+        read = [newest[cause] for cause in _CAUSES.get(kind, ()) if cause in newest]
+        for cause in sorted(read, key=lambda item: item.time_ns, reverse=True):
+            self._link(cause, edge)
         if kind is WordKind.CONTROL:
-            self._settling = None
-            self._control = edge
+            self._control, self._settling = edge, None
+        elif kind is WordKind.CONTROLWORD:
+            self._command = edge
         elif kind is WordKind.STATUSWORD:
             self._answered(edge)
-        else:
-            edge.cause = self._cause(kind, now)
-            if kind is WordKind.CONTROLWORD:
-                self._commanded(edge)
-        self._newest[kind] = edge
+        if self._early and kind not in _CAUSES:
+            # Words of the other bus may seem to come before their cause.
+            for effect in _CAUSES:
+                if effect in newest:
+                    self._link(edge, newest[effect])
 
-    def _follow_up(self, cause: Edge) -> None:
-        """Words of the other bus may seem to come before their cause."""
-        for kind, causes in _CAUSES.items():
-            effect = self._newest.get(kind)
-            if cause.kind not in causes or effect is None or effect.cause is not None:
-                continue
-            if cause.time_ns - effect.time_ns <= self._early:
-                effect.cause = cause
-                cause.effects.add(kind)
-
-    def _cause(self, kind: WordKind, now: int) -> Edge | None:
-        """The newest edge that the gateway can have read for this word and for no earlier one."""
-        found = [edge for cause in _CAUSES[kind] if (edge := self._newest.get(cause)) is not None]
-        found = [edge for edge in found if now - edge.time_ns <= self._window and kind not in edge.effects]
-        cause = max(found, key=lambda edge: edge.time_ns, default=None)
-        if cause is not None:
-            cause.effects.add(kind)
-        return cause
-
-    def _commanded(self, edge: Edge) -> None:
-        statusword = self._values.get(WordKind.STATUSWORD)
-        bits = None if statusword is None else _expectation(statusword, edge)
-        self._command = None if bits is None or statusword is None else _Command(edge, bits, statusword)
+    def _link(self, cause: Edge, effect: Edge) -> None:
+        """The gateway can have read a cause for the newest word that it sends and for no earlier one."""
+        is_in_time = -self._early <= effect.time_ns - cause.time_ns <= self._window
+        if is_in_time and effect.cause is None and effect.kind not in cause.effects:
+            effect.cause = cause
+            cause.effects.add(effect.kind)
 
     def _answered(self, edge: Edge) -> None:
         command = self._command
-        if command is not None and (edge.before ^ edge.after) & command.bits:
-            edge.cause = command.edge
-            self._command = None
+        if command is not None and (edge.before ^ edge.after) & _expectation(edge.before, command):
+            edge.cause, self._command = command, None
             return
         leaves = state_of(edge.before) is State.OPERATION_ENABLED and state_of(edge.after) not in _LEAVING
-        if leaves and Command.ENABLE_OPERATION.matches(self._values.get(WordKind.CONTROLWORD, 0)):
-            text = f"{edge.field.text(edge.after)} while Enable Operation was commanded"
-            self._put(Anomaly(edge.time_ns, self.axis.do_id, AnomalyKind.LEFT_OPERATION, text))
+        if leaves and Command.ENABLE_OPERATION.matches(self._words.get(WordKind.CONTROLWORD, (0,))[0]):
+            self._report(edge.time_ns, AnomalyKind.LEFT_OPERATION, f"{edge.text} while Enable Operation was commanded")
 
     # -- CAN ----------------------------------------------------------------------------------------------------------
 
@@ -158,41 +119,43 @@ class ObjectFollower:
         """A frame of the node or to it."""
         now, do_id = record.time_ns, self.axis.do_id
         if isinstance(record, PdoRecord):
-            self._pdo(record)
+            self.has_frames |= record.layout.name.startswith(PdoDirection.TPDO.label)
+            if self.axis.telegram in _DRIVES:
+                self._pdo(record)
         elif isinstance(record, SdoRecord):
+            self.has_frames |= not record.from_client
             if (record.index, record.subindex) == MODE and record.from_client and record.value:
                 self._ask_mode(now, int.from_bytes(record.value, "little", signed=True))
         elif isinstance(record, NmtRecord):
             self._put(Event(now, do_id, "NMT", record.text))
         elif isinstance(record, HeartbeatRecord):
+            self.has_frames = True
             if record.changed:
                 self._put(Event(now, do_id, "state", f"node {record.node}: {record.text}"))
         elif isinstance(record, EmcyRecord):
+            self.has_frames = True
             text = f"node {record.node}: {record.text}"
             if record.code == _RESET:
                 self._put(Event(now, do_id, "EMCY", text))
             else:
-                self._put(Anomaly(now, do_id, AnomalyKind.EMERGENCY, text))
+                self._report(now, AnomalyKind.EMERGENCY, text)
 
     def _pdo(self, record: PdoRecord) -> None:
-        if self.axis.telegram not in _DRIVES:
-            return
-        addresses, now = record.layout.addresses, record.time_ns
-        values = record.layout.unpack(record.data)
-        for address, kind in ((CONTROLWORD, WordKind.CONTROLWORD), (STATUSWORD, WordKind.STATUSWORD)):
-            if address in addresses and isinstance(word := values[addresses.index(address)], int):
-                self.word(kind, now, word)
-        if MODE in addresses and isinstance(mode := values[addresses.index(MODE)], int):
-            self._ask_mode(now, mode)
-        if MODE_DISPLAY in addresses and isinstance(mode := values[addresses.index(MODE_DISPLAY)], int):
-            self._mode_shown = mode
-            if mode == self._mode_asked:
-                self._mode_since = None
+        now, layout = record.time_ns, record.layout
+        for address, field, value in zip(layout.addresses, layout.unit.fields, layout.unpack(record.data), strict=True):
+            if not isinstance(value, int):
+                continue
+            if address in _WORDS:
+                self.word(_WORDS[address], now, value, field)
+            elif address == MODE:
+                self._ask_mode(now, value)
+            elif address == MODE_DISPLAY:
+                self._mode_shown = value
 
     def _ask_mode(self, now: int, mode: int) -> None:
         if mode != self._mode_asked:
             self._mode_asked = mode
-            self._mode_since = now if mode and mode != self._mode_shown else None
+            self._mode_since = now if mode else None
 
     # -- what the gateway decided ---------------------------------------------------------------------------------------
 
@@ -206,26 +169,23 @@ class ObjectFollower:
         for item in step.events.get("faults", ()):
             fault = from_json(item)
             if isinstance(fault, FaultRecord) and fault.number in GATEWAY_FAULTS:
-                text = f"{fault.number} {fault.text}"
-                self._put(Anomaly(now, self.axis.do_id, AnomalyKind.GATEWAY_FAULT, text))
+                self._report(now, AnomalyKind.GATEWAY_FAULT, f"{fault.number} {fault.text}")
         control, self._control = self._control, None
-        settling = self._settling
-        if settling is not None and now > settling.time_ns + _result_after(settling.outcome):
-            settling = None
+        settling, self._settling = self._settling, None
         if control is not None:
+            control.result = NOT_USED
+            is_used = step.setpoints is not None and step.setpoints[0] == control.after
+            settling = control if is_used else None
+        elif settling is not None and now > settling.time_ns + RESPONSE_NS:
             settling = None
-            if step.setpoints is None:
-                control.note = NOT_VALID
-            elif step.setpoints[0] != control.after:
-                control.note = OVERTAKEN
-            else:
-                settling = control
         if settling is not None:
-            settling.decide(reason)
-        self._settling = settling
+            settling.outcome, settling.result = reason, reason.value if reason else "executed"
+            if reason is not None and reason.state in _PENDING:
+                self._settling = settling
         if reason is not self._reason:
             self._reason = reason
-            self._put(ReasonChange(now, self.axis.do_id, reason, settling is not None))
+            text = reason.value if reason else "in operation"
+            self._put(ReasonChange(now, self.axis.do_id, "reason", text, reason, settling is not None))
 
     # -- time -----------------------------------------------------------------------------------------------------------
 
@@ -237,7 +197,7 @@ class ObjectFollower:
         who = "of the PLC" if direction is Direction.SETPOINT else "of the gateway"
         if since is None:
             self._bad_since[direction] = now
-            self._put(Anomaly(now, self.axis.do_id, AnomalyKind.IOPS_BAD, f"data {who} bad"))
+            self._report(now, AnomalyKind.IOPS_BAD, f"data {who} bad")
         else:
             del self._bad_since[direction]
             text = f"data {who} good again after {(now - since) / MS:.1f} ms"
@@ -245,32 +205,28 @@ class ObjectFollower:
 
     def tick(self, now: int) -> None:
         """Report overdue answers."""
-        command = self._command
-        if command is not None and now > command.edge.time_ns + RESPONSE_NS:
+        command, (status, field) = self._command, self._words.get(WordKind.STATUSWORD, (0, None))
+        if command is not None and now > command.time_ns + RESPONSE_NS:
             self._command = None
-            status = self._fields[WordKind.STATUSWORD].text(command.statusword)
-            text = f"{command.edge.field.text(command.edge.after)}: the drive did not respond within 1 s, {status}"
-            self._put(Anomaly(command.edge.time_ns, self.axis.do_id, AnomalyKind.HANDSHAKE, text))
+            if field is not None and _expectation(status, command):
+                text = f"{command.text}: the drive did not respond within 1 s, {field.text(status)}"
+                self._report(command.time_ns, AnomalyKind.HANDSHAKE, text)
         if self._mode_since is not None and now > self._mode_since + MODE_CONFIRM_NS:
-            if self._mode_shown is not None:
+            if self._mode_shown not in {None, self._mode_asked}:
                 text = f"6060h = {self._mode_asked}, 6061h = {self._mode_shown} for 1 s"
-                self._put(Anomaly(self._mode_since, self.axis.do_id, AnomalyKind.MODE, text))
+                self._report(self._mode_since, AnomalyKind.MODE, text)
             self._mode_since = None
 
-
-def _result_after(reason: Reason | None) -> int:
-    """Time from an edge to its result: a drive that starts has as long as for any answer."""
-    return RESPONSE_NS if reason is not None and reason.state is AxisState.STARTING else SETTLE_NS
+    def _report(self, now: int, kind: AnomalyKind, text: str) -> None:
+        self._put(Anomaly(now, self.axis.do_id, kind, text))
 
 
-def _expectation(statusword: int, command: Edge) -> int | None:
-    """Statusword bits of which one has to change for a Controlword; None when the drive has nothing to answer."""
+def _expectation(statusword: int, command: Edge) -> int:
+    """Statusword bits of which one has to change for a Controlword; 0 when the drive has nothing to answer."""
     state = state_of(statusword)
     if state is not None and next_state(state, command.after, command.before) is not state:
         return STATE_BITS
-    raised = command.after & ~command.before & ControlBit.NEW_SETPOINT
-    lowered = command.before & ~command.after & ControlBit.NEW_SETPOINT
-    acknowledged = bool(statusword & StatusBit.MODE_12)
-    if state is State.OPERATION_ENABLED and ((raised and not acknowledged) or (lowered and acknowledged)):
-        return StatusBit.MODE_12
-    return None
+    if state is State.OPERATION_ENABLED and (command.before ^ command.after) & ControlBit.NEW_SETPOINT:
+        is_answered = bool(command.after & ControlBit.NEW_SETPOINT) is bool(statusword & StatusBit.MODE_12)
+        return 0 if is_answered else StatusBit.MODE_12
+    return 0

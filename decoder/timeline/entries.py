@@ -31,17 +31,22 @@ class WordKind(enum.Enum):
 
     __hash__ = object.__hash__  # members are single objects, and used as keys for every frame
 
+    @property
+    def on_can(self) -> bool:
+        """Whether the word is in a PDO."""
+        return self in {WordKind.CONTROLWORD, WordKind.STATUSWORD}
 
-_DIGITS: Final = 3
-_CAN_WORDS = (WordKind.CONTROLWORD.value, WordKind.STATUSWORD.value)
+
+_RESOLUTION: Final = -3
+"""Decimal place to which latencies are rounded: 1 us."""
 
 
 @dataclass
 class Edge:
     """A word that changed. ``latency_ns`` counts from ``cause``.
 
-    On edges of the PLC's control word: ``decided`` are the reasons of the gateway until the next edge or for 100 ms (1 s while
-    the drive has not started), ``outcome`` the last one (None: the drive follows), ``note`` another result of the frame.
+    On an edge of the PLC's control word, ``outcome`` is the reason that the gateway decided in the step with this word, or in the
+    one in which the drive had started (None: the drive follows), ``result`` its text; empty where the recording has none.
     """
 
     time_ns: int
@@ -53,31 +58,23 @@ class Edge:
     cause: Edge | None = None
     effects: set[WordKind] = dataclasses.field(default_factory=set)
     """Kinds of words that it has caused."""
-    decided: dict[Reason | None, None] = dataclasses.field(default_factory=dict)
-    """Each reason once; empty: the recording does not have them."""
     outcome: Reason | None = None
-    note: str = ""
-    root: Edge | None = None
-    """The first cause of all, once the edge is out."""
+    result: str = ""
+    origin: Edge | None = None
+    """The edge of the PLC that led to it, once the edge is out."""
     answered: bool = False
-    """Whether a ZSW1 caused by this edge was sent."""
-
-    def decide(self, reason: Reason | None) -> None:
-        """The gateway has this reason now."""
-        self.decided[reason] = None
-        self.outcome = reason
-
-    @property
-    def reasons(self) -> tuple[Reason, ...]:
-        """All reasons, the outcome last."""
-        found = [*(reason for reason in self.decided if reason is not self.outcome), self.outcome]
-        return tuple(reason for reason in found if reason is not None)
+    """Whether a ZSW1 that it led to was sent."""
 
     @property
     def name(self) -> str:
         """Name of the word; in telegram 100, the PLC's words have the names of the drive's words."""
-        of_plc = self.kind in {WordKind.CONTROL, WordKind.STATUS}
-        return f"PLC {self.field.name}" if of_plc and self.field.name in _CAN_WORDS else self.field.name
+        is_transparent = not self.kind.on_can and self.field.name in {"Controlword", "Statusword"}
+        return f"PLC {self.field.name}" if is_transparent else self.field.name
+
+    @property
+    def text(self) -> str:
+        """The word after the edge."""
+        return self.field.text(self.after)
 
     @property
     def latency_ns(self) -> int | None:
@@ -108,34 +105,24 @@ class Edge:
             "latency_ns": self.latency_ns,
         }
         if self.kind is WordKind.CONTROL:
-            document["reasons"] = [reason.name for reason in self.reasons]
-            document["outcome"] = self.outcome.name if self.outcome else None
-            document["outcome_text"] = self.outcome.value if self.outcome else ""
-            document["note"] = self.note
+            document |= {"outcome": self.outcome.name if self.outcome else None, "outcome_text": self.result}
         return document
 
 
 @dataclass
-class ReasonChange:
-    """A new reason (None: the axis follows the PLC). ``settling``: it is part of the result of an edge."""
+class Event:
+    """An event besides the words: NMT, state, error reset, relationship. ``do_id`` 0 concerns all axes."""
 
     time_ns: int
     do_id: int
-    reason: Reason | None
-    settling: bool = False
+    kind: str
+    text: str
 
     def document(self) -> Document:
-        return {
-            "type": "reason",
-            "time_ns": self.time_ns,
-            "axis": self.do_id,
-            "reason": self.reason.name if self.reason else None,
-            "text": self.reason.value if self.reason else "in operation",
-            "settling": self.settling,
-        }
+        return {"type": "event", "time_ns": self.time_ns, "axis": self.do_id, "kind": self.kind, "text": self.text}
 
 
-class AnomalyKind(enum.Enum):
+class AnomalyKind(enum.StrEnum):
     """Kinds of anomalies; the value is the name in the summary."""
 
     STALE = "stale frames"
@@ -150,86 +137,64 @@ class AnomalyKind(enum.Enum):
     LEFT_OPERATION = "drive left operation by itself"
     GATEWAY_FAULT = "faults of the gateway"
 
+    @property
+    def identifier(self) -> str:
+        """The name in documents."""
+        return self.name.lower().replace("_", "-")
+
 
 @dataclass
-class Anomaly:
-    """An anomaly; ``do_id`` 0 concerns all axes."""
+class Anomaly(Event):
+    """An event that should not happen."""
 
-    time_ns: int
-    do_id: int
     kind: AnomalyKind
-    text: str
 
     def document(self) -> Document:
-        return {
-            "type": "anomaly",
-            "time_ns": self.time_ns,
-            "axis": self.do_id,
-            "kind": self.kind.name.lower().replace("_", "-"),
-            "text": self.text,
-        }
+        return super().document() | {"type": "anomaly", "kind": self.kind.identifier}
 
 
 @dataclass
-class Event:
-    """An event of a node besides its words: NMT, state, error reset."""
+class ReasonChange(Event):
+    """A new reason (None: the axis follows the PLC). ``settling``: it is part of the result of an edge."""
 
-    time_ns: int
-    do_id: int
-    kind: str
-    text: str
+    reason: Reason | None
+    settling: bool
 
     def document(self) -> Document:
-        return {"type": "event", "time_ns": self.time_ns, "axis": self.do_id, "kind": self.kind, "text": self.text}
+        name = self.reason.name if self.reason else None
+        return super().document() | {"type": "reason", "reason": name, "settling": self.settling}
 
 
-Entry = Edge | ReasonChange | Anomaly | Event
+Entry = Edge | Event
 
 
 class Latency:
-    """Latencies of one hop in nanoseconds, to three digits each: as many as there are different ones, not as many as edges.
+    """Latencies of one hop, rounded to 1 us. Percentiles are those of the nearest rank."""
 
-    Percentiles are those of the nearest rank.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.count = self.max_ns = 0
+    def __init__(self) -> None:
         self._counts: Counter[int] = Counter()
 
     def add(self, value_ns: int) -> None:
         """One more."""
-        digits = len(str(abs(value_ns))) - _DIGITS
-        self._counts[round(value_ns, -digits) if digits > 0 else value_ns] += 1
-        self.max_ns = max(self.max_ns, value_ns) if self.count else value_ns
-        self.count += 1
+        self._counts[round(value_ns, _RESOLUTION)] += 1
+
+    @property
+    def count(self) -> int:
+        return self._counts.total()
 
     def rank(self, percent: int) -> int:
-        """The value that this percentage of them does not exceed."""
+        """The value in nanoseconds that this percentage of them does not exceed."""
         below = 0
         for value in sorted(self._counts):
             below += self._counts[value]
             if 100 * below >= percent * self.count:
                 break
-        return min(value, self.max_ns)
+        return value
 
     def document(self) -> Document:
-        return {
-            "hop": self.name,
-            "count": self.count,
-            "p50_ns": self.rank(50),
-            "p99_ns": self.rank(99),
-            "max_ns": self.max_ns,
-        }
+        return {"count": self.count, "p50_ns": self.rank(50), "p99_ns": self.rank(99), "max_ns": self.rank(100)}
 
 
-HOPS: Final = {
-    (WordKind.CONTROL, WordKind.CONTROLWORD): "STW1 -> Controlword",
-    (WordKind.CONTROLWORD, WordKind.STATUSWORD): "Controlword -> Statusword",
-    (WordKind.STATUSWORD, WordKind.STATUS): "Statusword -> ZSW1",
-    (WordKind.STATUSWORD, WordKind.CONTROLWORD): "Statusword -> Controlword",
-    (WordKind.CONTROL, WordKind.STATUS): "STW1 -> ZSW1 (gateway)",
-}
 FULL_PATH: Final = "STW1 -> ... -> ZSW1"
 
 
@@ -241,36 +206,31 @@ class Summary:
         """Number of anomalies of each kind."""
         self.refusals: Counter[Reason] = Counter()
         """Number of edges with each reason."""
-        self._hops = {name: Latency(name) for name in (*HOPS.values(), FULL_PATH)}
+        self.latencies: dict[str, Latency] = {}
+        """Of each hop, and from the PLC's edge to the first answer in ZSW1."""
 
     def add(self, entry: Entry) -> None:
-        """One more entry."""
+        """One more."""
         if isinstance(entry, Anomaly):
             self.anomalies[entry.kind] += 1
         elif isinstance(entry, Edge):
             if entry.outcome is not None:
                 self.refusals[entry.outcome] += 1
             if entry.cause is not None:
-                self._hops[HOPS[entry.cause.kind, entry.kind]].add(entry.time_ns - entry.cause.time_ns)
-                self._measure_path(entry)
+                self._measure(f"{entry.cause.kind.value} -> {entry.kind.value}", entry, entry.cause)
+            origin = entry.origin
+            if entry.kind is WordKind.STATUS and origin is not None and not origin.answered:
+                origin.answered = True
+                self._measure(FULL_PATH, entry, origin)
 
-    def _measure_path(self, entry: Edge) -> None:
-        """Measure the time from an edge of the PLC to the first ZSW1 that it causes."""
-        root = entry.root
-        if entry.kind is WordKind.STATUS and root is not None and root.kind is WordKind.CONTROL and not root.answered:
-            root.answered = True
-            self._hops[FULL_PATH].add(entry.time_ns - root.time_ns)
-
-    @property
-    def latencies(self) -> list[Latency]:
-        """Latencies of each hop, and from the PLC's edge to the first answer in ZSW1."""
-        return [item for item in self._hops.values() if item.count]
+    def _measure(self, hop: str, entry: Edge, since: Edge) -> None:
+        self.latencies.setdefault(hop, Latency()).add(entry.time_ns - since.time_ns)
 
     def document(self) -> Document:
         """Latencies and anomalies as plain data."""
         return {
             "type": "summary",
-            "latencies": [item.document() for item in self.latencies],
+            "latencies": [{"hop": hop} | item.document() for hop, item in self.latencies.items()],
             "outcomes": {reason.name: count for reason, count in self.refusals.items()},
-            "anomalies": {kind.name.lower().replace("_", "-"): count for kind, count in self.anomalies.items()},
+            "anomalies": {kind.identifier: count for kind, count in self.anomalies.items()},
         }

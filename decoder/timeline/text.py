@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from pdgw.decoder.timeline.clocks import Clocks
-from pdgw.decoder.timeline.entries import Anomaly, Edge, Event, ReasonChange, Summary, WordKind
+from pdgw.decoder.timeline.entries import Anomaly, Edge, Event, ReasonChange, Summary
 from pdgw.decoder.timeline.entries import Entry as TimelineEntry
 from pdgw.durations import MS, SECOND
 
@@ -20,15 +20,12 @@ def entry_lines(entry: TimelineEntry, zero_ns: int, *, verbose: bool = False) ->
     head = f"{(entry.time_ns - zero_ns) / SECOND:12.6f}  {who:<8}"
     if isinstance(entry, Edge):
         yield f"{head}{edge_text(entry)}"
-        if entry.kind is WordKind.CONTROL:
-            yield from _outcome(entry, verbose=verbose)
-    elif isinstance(entry, ReasonChange):
-        if verbose or not entry.settling:
-            yield f"{head}-- {entry.reason.value if entry.reason else 'obeys the PLC'}"
-    elif isinstance(entry, Anomaly):
-        yield f"{head}!! {entry.kind.value}: {entry.text}"
-    elif isinstance(entry, Event):
-        yield f"{head}{entry.kind}: {entry.text}"
+        if entry.result:
+            yield f"{_INDENT}-> {entry.result}"
+    elif not isinstance(entry, ReasonChange):
+        yield f"{head}{'!! ' if isinstance(entry, Anomaly) else ''}{entry.kind}: {entry.text}"
+    elif verbose or not entry.settling:
+        yield f"{head}-- {entry.text}"
 
 
 class Repetitions:
@@ -36,7 +33,7 @@ class Repetitions:
 
     def __init__(self, zero_ns: int) -> None:
         self._zero_ns = zero_ns
-        self._series: dict[tuple[str, int, str], tuple[int, Anomaly | Event]] = {}
+        self._series: dict[tuple[str, int, str], tuple[int, Event]] = {}
         """By repeated event: its number since its line, and the last one."""
 
     def ended(self, now: int | None = None) -> Iterator[str]:
@@ -51,10 +48,9 @@ class Repetitions:
 
     def is_new(self, entry: TimelineEntry) -> bool:
         """Whether the entry has a line of its own; what repeats is counted."""
-        if not isinstance(entry, Anomaly | Event):
+        if isinstance(entry, Edge | ReasonChange):
             return True
-        kind = entry.kind.value if isinstance(entry, Anomaly) else entry.kind
-        key = kind, entry.do_id, entry.text
+        key = entry.kind, entry.do_id, entry.text
         known = self._series.get(key)
         self._series[key] = (0 if known is None else known[0] + 1), entry
         return known is None
@@ -72,29 +68,16 @@ def edge_text(edge: Edge) -> str:
     return " ".join(parts)
 
 
-def _outcome(edge: Edge, *, verbose: bool) -> Iterator[str]:
-    if edge.note:
-        yield f"{_INDENT}-> {edge.note}"
-    elif not edge.decided:
-        return
-    elif edge.outcome is not None:
-        yield f"{_INDENT}-> {'; then: '.join(reason.value for reason in edge.reasons)}"
-    else:
-        passing = [reason.value for reason in edge.reasons] if verbose else []
-        yield f"{_INDENT}-> {'; then: '.join([*passing, 'executed'])}"
-
-
 def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ()) -> Iterator[str]:
     """Clocks, assumptions, latencies of each hop, results of the PLC's edges, anomalies."""
     yield f"clocks: {clocks.text}"
     for text in assumed:
         yield f"assumed: {text}"
-    latencies = summary.latencies
-    if latencies:
+    if summary.latencies:
         yield f"{'latency, ms':<28}{'count':>7}{'p50':>10}{'p99':>10}{'max':>10}"
-        for item in latencies:
-            values = "".join(f"{value / MS:>10.3f}" for value in (item.rank(50), item.rank(99), item.max_ns))
-            yield f"{item.name:<28}{item.count:>7}{values}"
+    for hop, latency in summary.latencies.items():
+        values = "".join(f"{latency.rank(percent) / MS:>10.3f}" for percent in (50, 99, 100))
+        yield f"{hop:<28}{latency.count:>7}{values}"
     for reason, count in summary.refusals.items():
         yield f"commands without effect: {reason.value}: {count}"
     if not summary.anomalies:

@@ -16,10 +16,10 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
-from pdgw.recording.recordings import entries_of
+from pdgw.recording.recordings import look_ahead
 from tests.support.axis.recorded import CYCLE_NS, RecordedRig, positioning, speed
 from tests.support.axis.rig import NODE
-from tests.support.readers.timeline import Timeline, texts, timeline
+from tests.support.readers.timeline import Timeline, entries_of, texts, timeline
 
 
 def test_a_command_the_drive_does_not_answer_is_a_missed_handshake(tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_counter_jump_is_reported_with_the_number_of_missing_frames(tmp_path: Pa
     rig = speed()
     del rig.frames.plc[30:32]
     assert texts(timeline(rig, tmp_path), AnomalyKind.COUNTER) == [
-        "PLC -> gateway: counter 3840 -> 4224, usual step 128, 2 frames missing"
+        "PLC -> gateway: counter 3840 -> 4224, usual step 128, missing frames: 2"
     ]
 
 
@@ -95,7 +95,7 @@ def test_emergencies_and_their_reset_are_reported(tmp_path: Path) -> None:
     found = timeline(rig, tmp_path)
     (text,) = texts(found, AnomalyKind.EMERGENCY)
     assert text.startswith(f"node {NODE}: 2310h")
-    resets = [entry for entry in found.entries if isinstance(entry, Event) and entry.kind == "EMCY"]
+    resets = [entry for entry in found.entries if type(entry) is Event and entry.kind == "EMCY"]
     assert [entry.text.split()[2] for entry in resets] == ["0000h"]
 
 
@@ -109,18 +109,15 @@ def test_drive_that_leaves_operation_by_itself_is_reported(tmp_path: Path) -> No
     assert text.endswith("while Enable Operation was commanded")
 
 
-@pytest.mark.parametrize("factor", [3, None])
-def test_without_answers_the_watchdog_is_named(factor: int | None, tmp_path: Path) -> None:
+def test_without_a_configuration_the_watchdog_is_assumed(tmp_path: Path) -> None:
     rig = speed()
     rig.step(10, plc=False)
     rig.step(5)
-    rig.frames.answers.clear()
-    opening = rig.open(tmp_path)
-    opening = replace(opening, known=replace(opening.known, watchdog_factor=factor))
-    found = Timeline(opening, list(entries_of(opening)))
-    default = "" if factor else " (if the watchdog has its default)"
-    text = f"no frame of the PLC for more than 12 ms, the time of the watchdog{default}"
-    assert texts(found, AnomalyKind.WATCHDOG) == [text]
+    files = rig.frames.write(tmp_path)
+    opening = look_ahead(files, replace(rig.known, cycle_ns=None), None, lambda _: None)
+    found = Timeline(opening, entries_of(opening))
+    assert opening.assumed == ("a watchdog of 3 cycles of the PLC",)
+    assert texts(found, AnomalyKind.WATCHDOG) == ["no frame of the PLC for more than 12 ms, the time of the watchdog"]
 
 
 def test_frames_rejected_by_the_gateway_are_reported_once(tmp_path: Path) -> None:
@@ -152,11 +149,11 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     sizes = []
     tracemalloc.start()
     try:
-        for _ in range(12):
+        for turn in range(12):
             for record in records:
-                for entry in builder.add(record):
-                    assert entry.time_ns <= record.time_ns - HOLD_NS
-                record.time_ns += length
+                later = replace(record, time_ns=record.time_ns + turn * length)
+                for entry in builder.add(later):
+                    assert entry.time_ns <= later.time_ns - HOLD_NS
             sizes.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()

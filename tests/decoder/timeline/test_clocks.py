@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.timeline.clocks import AxisWords, Clocks, Word, correlate
+from pdgw.decoder.frames.fields import half_fields
+from pdgw.decoder.timeline.clocks import Clocks, correlate
+from pdgw.decoder.timeline.entries import Edge, WordKind
 from pdgw.durations import MS, SECOND
+from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import look_ahead
 from tests.support.axis.recorded import CYCLE_NS, RIGS
 
@@ -37,22 +40,24 @@ def test_an_offset_that_is_given_is_taken(tmp_path: Path) -> None:
     assert clocks.text == "the CAN clock differs by +5.000000 s from the clock of the PLC's frames, as given"
 
 
-def toggling(times: list[int], bit: int = 1) -> list[Word]:
+WORD = half_fields(telegram(1).setpoints)[0]
+
+
+def toggling(kind: WordKind, times: list[int], bit: int = 1) -> list[Edge]:
     """A word whose bit changes at these times."""
-    return [Word(times[0] - 1, 0), *(Word(now, bit * (i % 2 == 0)) for i, now in enumerate(times))]
+    return [Edge(now, 1, kind, WORD, bit * (i % 2), bit * (1 - i % 2)) for i, now in enumerate(times)]
 
 
 def test_without_edges_in_common_the_offset_is_not_known() -> None:
-    still = AxisWords(control=[Word(0, 0x047E)], controlword=[Word(5, 6)])
-    clocks = correlate({1: still}, {1: 1}, CYCLE_NS)
+    clocks = correlate(toggling(WordKind.CONTROL, [5]), CYCLE_NS)
     assert (clocks.offset_ns, clocks.origin) == (0, "not known")
     assert "unknown" in clocks.text
 
 
 def test_edges_of_one_direction_leave_the_delay_in_the_offset() -> None:
     times = [100 * MS, 450 * MS, 1100 * MS, 1900 * MS]
-    words = AxisWords(control=toggling(times), controlword=toggling([now + SECOND + MS for now in times]))
-    clocks = correlate({1: words}, {1: 1}, CYCLE_NS)
+    late = toggling(WordKind.CONTROLWORD, [now + SECOND + MS for now in times])
+    clocks = correlate([*toggling(WordKind.CONTROL, times), *late], CYCLE_NS)
     assert clocks.offset_ns == SECOND + MS
     assert clocks.uncertainty_ns == CYCLE_NS
     assert (clocks.pairs, clocks.edges) == (4, 4)
@@ -60,8 +65,8 @@ def test_edges_of_one_direction_leave_the_delay_in_the_offset() -> None:
 
 def test_regular_rhythm_is_reported_as_ambiguous() -> None:
     times = [100 * MS * i for i in range(1, 41)]
-    words = AxisWords(control=toggling(times), controlword=toggling([now + SECOND for now in times]))
-    clocks = correlate({1: words}, {1: 1}, CYCLE_NS)
+    late = toggling(WordKind.CONTROLWORD, [now + SECOND for now in times])
+    clocks = correlate([*toggling(WordKind.CONTROL, times), *late], CYCLE_NS)
     assert clocks.ambiguous
     assert "AMBIGUOUS" in clocks.text
 
@@ -69,12 +74,12 @@ def test_regular_rhythm_is_reported_as_ambiguous() -> None:
 def test_commands_without_effect_do_not_disturb_the_offset() -> None:
     times = [100 * MS, 450 * MS, 1100 * MS, 1900 * MS, 2050 * MS, 3000 * MS]
     passed = times[:4]
-    words = AxisWords(
-        control=toggling(times),
-        controlword=toggling([now - SECOND + MS for now in passed]),
-        statusword=toggling([now - SECOND + 2 * MS for now in passed], 2),
-        status=toggling([now + 5 * MS for now in passed], 2),
-    )
-    clocks = correlate({1: words}, {1: 1}, CYCLE_NS)
+    edges = [
+        *toggling(WordKind.CONTROL, times),
+        *toggling(WordKind.CONTROLWORD, [now - SECOND + MS for now in passed]),
+        *toggling(WordKind.STATUSWORD, [now - SECOND + 2 * MS for now in passed], 2),
+        *toggling(WordKind.STATUS, [now + 5 * MS for now in passed], 2),
+    ]
+    clocks = correlate(edges, CYCLE_NS)
     assert abs(clocks.offset_ns + SECOND) <= clocks.uncertainty_ns <= CYCLE_NS
     assert (clocks.pairs, clocks.edges) == (8, 10)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from pdgw.decoder.frames.records import Record
 from pdgw.decoder.timeline.entries import (
     Anomaly,
     AnomalyKind,
@@ -13,7 +14,7 @@ from pdgw.decoder.timeline.entries import (
     Summary,
     WordKind,
 )
-from pdgw.recording.recordings import Opening, entries_of, known_from, look_ahead
+from pdgw.recording.recordings import Opening, Part, followed, known_from, look_ahead
 from tests.support.axis.recorded import RecordedRig
 
 
@@ -32,15 +33,23 @@ class Timeline:
         return summary
 
 
+EVERYTHING = Part()
+
+
+def entries_of(opening: Opening, part: Part = EVERYTHING) -> list[Entry]:
+    """The timeline of a part without packets."""
+    return [item for item in followed(opening, part) if not isinstance(item, Record)]
+
+
 def timeline(rig: RecordedRig, folder: Path, *, clock_ns: int = 0) -> Timeline:
     opening = rig.open(folder, clock_ns=clock_ns)
-    return Timeline(opening, list(entries_of(opening)))
+    return Timeline(opening, entries_of(opening))
 
 
 def own_timeline(file: str) -> Timeline:
     """That of a gateway's own recording."""
     opening = look_ahead([file], known_from(None, [], [], [file]), None, lambda _: None)
-    return Timeline(opening, list(entries_of(opening)))
+    return Timeline(opening, entries_of(opening))
 
 
 def edges(found: Timeline, kind: WordKind) -> list[Edge]:

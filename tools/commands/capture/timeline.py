@@ -67,8 +67,9 @@ def timeline(
 
 
 def _documents(opening: Opening, part: Part) -> Iterator[str]:
+    from pdgw.decoder.frames.records import Record
     from pdgw.decoder.timeline.entries import Summary
-    from pdgw.recording.recordings import entries_of
+    from pdgw.recording.recordings import followed
 
     clocks = opening.clocks
     yield json.dumps(
@@ -85,9 +86,10 @@ def _documents(opening: Opening, part: Part) -> Iterator[str]:
         }
     )
     summary = Summary()
-    for entry in entries_of(opening, part):
-        summary.add(entry)
-        yield json.dumps(entry.document())
+    for entry in followed(opening, part):
+        if not isinstance(entry, Record):
+            summary.add(entry)
+            yield json.dumps(entry.document())
     yield json.dumps(summary.document())
 
 
@@ -101,9 +103,10 @@ def _text(opening: Opening, part: Part, *, verbose: bool) -> Iterator[str]:
     summary = Summary()
     zero_ns = opening.begin_ns
     repetitions = Repetitions(zero_ns)
-    for entry in followed(opening, part, packets=verbose):
+    for entry in followed(opening, part):
         if isinstance(entry, Record):
-            yield record_line(entry, zero_ns)
+            if verbose:
+                yield record_line(entry, zero_ns)
             continue
         summary.add(entry)
         yield from repetitions.ended(entry.time_ns)
