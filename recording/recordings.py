@@ -60,6 +60,7 @@ class Known:
     settings: Settings = field(default_factory=Settings)
     cycle_ns: int | None = None
     watchdog_factor: int = WATCHDOG_FACTOR
+    age_limit_ns: int | None = None
 
 
 def known_from(
@@ -107,6 +108,7 @@ def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[s
         ),
         int(transport.cycle_time_ms * MS),
         transport.watchdog_factor,
+        transport.age_limit_ns,
     )
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.decoder.frames.fields import Document, Field
+from pdgw.decoder.frames.records import CyclicRecord, Record
 from pdgw.gateway.reasons import Reason
 
 
@@ -199,9 +200,13 @@ FULL_PATH: Final = "STW1 -> ... -> ZSW1"
 
 
 class Summary:
-    """Summary of a timeline or a part of it. It gets the entries in order of time."""
+    """Summary of a timeline or a part of it. It gets entries and packets in order of time. ``age_limit_ns``: of the PLC's
+    frames, None where no frame is late."""
 
-    def __init__(self) -> None:
+    def __init__(self, age_limit_ns: int | None = None) -> None:
+        self.age_limit_ns = age_limit_ns
+        self.ages = Latency()
+        """From the gateway's frame to that frame of the PLC that returns its tick."""
         self.anomalies: Counter[AnomalyKind] = Counter()
         """Number of anomalies of each kind."""
         self.refusals: Counter[Reason] = Counter()
@@ -209,9 +214,12 @@ class Summary:
         self.latencies: dict[str, Latency] = {}
         """Of each hop, and from the PLC's edge to the first answer in ZSW1."""
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: Entry | Record) -> None:
         """One more."""
-        if isinstance(entry, Anomaly):
+        if isinstance(entry, CyclicRecord):
+            if entry.age_ns is not None:
+                self.ages.add(entry.age_ns)
+        elif isinstance(entry, Anomaly):
             self.anomalies[entry.kind] += 1
         elif isinstance(entry, Edge):
             if entry.outcome is not None:
@@ -231,6 +239,7 @@ class Summary:
         return {
             "type": "summary",
             "latencies": [{"hop": hop} | item.document() for hop, item in self.latencies.items()],
+            "age": self.ages.document() | {"limit_ns": self.age_limit_ns} if self.ages.count else None,
             "outcomes": {reason.name: count for reason, count in self.refusals.items()},
             "anomalies": {kind.identifier: count for kind, count in self.anomalies.items()},
         }

@@ -78,6 +78,10 @@ def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ())
     for hop, latency in summary.latencies.items():
         values = "".join(f"{latency.rank(percent) / MS:>10.3f}" for percent in (50, 99, 100))
         yield f"{hop:<28}{latency.count:>7}{values}"
+    if summary.ages.count:
+        p50, p99, longest = (f"{summary.ages.rank(percent) / MS:.3f} ms" for percent in (50, 99, 100))
+        limit = f", limit {summary.age_limit_ns / MS:g} ms" if summary.age_limit_ns else ""
+        yield f"age of {summary.ages.count} frames of the PLC (round trip): p50 {p50}, p99 {p99}, max {longest}{limit}"
     for reason, count in summary.refusals.items():
         yield f"commands without effect: {reason.value}: {count}"
     if not summary.anomalies:

@@ -19,7 +19,7 @@ from pdgw.tools.commands.capture.timeline import timeline
 from tests.support.axis.recorded import speed
 from tests.support.axis.rig import NODE
 from tests.support.gateways import profinet_daemon
-from tests.support.gateways.daemon import axis
+from tests.support.gateways.daemon import Plc, axis
 from tests.support.gateways.daemon import configuration as gateway_configuration
 from tests.support.gateways.recorded_daemon import recorded, recording
 from tests.support.readers import captures
@@ -163,6 +163,21 @@ def test_a_capture_without_drives_shows_its_calls(tmp_path: Path, capsys: pytest
     timeline([str(path)], telegram=[])
     text = lines(capsys)
     assert any("  all     PLC: " in line and "control request" in line for line in text)
+
+
+def test_timeline_of_a_recording_shows_the_age_of_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ends = 'listen = "192.0.2.1"\npeer = "192.0.2.2"\n'
+    with recorded(gateway_configuration(axis(1), transport=f"{ends}age_limit_ms = 40\n"), tmp_path) as plc:
+        Plc(plc.daemon, [1], host="192.0.2.2").enable()
+    timeline([recording(tmp_path)])
+    (line,) = (line for line in lines(capsys) if line.startswith("age of "))
+    pattern = r"age of \d+ frames of the PLC \(round trip\): p50 (\S+) ms, p99 (\S+) ms, max (\S+) ms, limit 40 ms"
+    found = re.fullmatch(pattern, line)
+    assert found is not None, line
+    assert [float(value) for value in found.groups()] == pytest.approx([4, 4, 4], abs=1)
+    timeline([recording(tmp_path)], as_json=True)
+    age = json.loads(lines(capsys)[-1])["age"]
+    assert (age["limit_ns"], age["max_ns"]) == (40 * MS, float(found[3]) * MS)
 
 
 def test_replay_prints_its_result_and_differences(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.timeline.entries import Edge, Latency, WordKind
+from pdgw.decoder.timeline.entries import Edge, Latency, Summary, WordKind
 from pdgw.decoder.timeline.text import entry_lines, summary_lines
 from pdgw.durations import MS
-from pdgw.recording.recordings import Part
+from pdgw.profidrive.frame import TICK, TRAILER
+from pdgw.recording.recordings import Part, followed
 from tests.support.axis.recorded import CYCLE_NS, RIGS, RecordedRig, speed
 from tests.support.readers.timeline import Timeline, edges, entries_of, timeline
 
@@ -73,6 +74,24 @@ def test_latencies_are_rounded_to_a_microsecond() -> None:
     for value in range(1_000_000, 1_001_000):
         latency.add(value)
     assert (latency.count, latency.rank(50), latency.rank(100)) == (1000, 1_000_000, 1_001_000)
+
+
+@pytest.mark.parametrize(("limit_ns", "more"), [(24 * MS, ", limit 24 ms"), (None, "")])
+def test_the_age_of_frames_is_shown_with_its_limit(limit_ns: int | None, more: str, tmp_path: Path) -> None:
+    rig = speed()
+    place = slice(-TICK.size - TRAILER.size, -TRAILER.size)
+    now, frame = rig.frames.plc[30]
+    _, older = rig.frames.plc[28]
+    rig.frames.plc[30] = now, frame[: place.start] + older[place] + frame[place.stop :]
+    opening = rig.open(tmp_path)
+    summary = Summary(limit_ns)
+    for item in followed(opening):
+        summary.add(item)
+    count = len(rig.frames.plc) - 1
+    text = f"age of {count} frames of the PLC (round trip): p50 3.700 ms, p99 3.700 ms, max 11.700 ms{more}"
+    assert text in list(summary_lines(summary, opening.clocks))
+    assert summary.document()["age"]["limit_ns"] == limit_ns
+    assert summary.document()["age"]["max_ns"] == 11_700_000
 
 
 def test_an_ordinary_run_has_no_anomalies(tmp_path: Path) -> None:

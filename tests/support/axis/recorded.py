@@ -156,7 +156,7 @@ class RecordedRig(Rig):
             self.actuals = self.stepper.telegram.actuals.as_dict(actuals)
             self._send()
             self._serve_sdo()
-            answer = bytes(self.endpoint.build([actuals], [self.connected_drive]))
+            answer = bytes(self.endpoint.build([actuals], [self.connected_drive], self.now))
             self.plc.receive(answer, self.now)
             self.frames.answers.append((self.now + _ANSWER_NS, answer))
         return self.actuals

@@ -85,10 +85,10 @@ def _documents(opening: Opening, part: Part) -> Iterator[str]:
             "assumed": list(opening.assumed),
         }
     )
-    summary = Summary()
+    summary = Summary(opening.known.age_limit_ns)
     for entry in followed(opening, part):
+        summary.add(entry)
         if not isinstance(entry, Record):
-            summary.add(entry)
             yield json.dumps(entry.document())
     yield json.dumps(summary.document())
 
@@ -100,15 +100,15 @@ def _text(opening: Opening, part: Part, *, verbose: bool) -> Iterator[str]:
     from pdgw.decoder.view.render import record_line
     from pdgw.recording.recordings import followed
 
-    summary = Summary()
+    summary = Summary(opening.known.age_limit_ns)
     zero_ns = opening.begin_ns
     repetitions = Repetitions(zero_ns)
     for entry in followed(opening, part):
+        summary.add(entry)
         if isinstance(entry, Record):
             if verbose:
                 yield record_line(entry, zero_ns)
             continue
-        summary.add(entry)
         yield from repetitions.ended(entry.time_ns)
         if verbose or repetitions.is_new(entry):
             yield from entry_lines(entry, zero_ns, verbose=verbose)
