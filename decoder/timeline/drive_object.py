@@ -13,8 +13,7 @@ from pdgw.decoder.frames.fields import Field
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Event, ReasonChange, WordKind
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.modes import MODE_CONFIRM_NS
-from pdgw.dsp402.objects import CONTROLWORD, MODE, MODE_DISPLAY, STATUSWORD
+from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
@@ -38,7 +37,6 @@ _CAUSES: Final = {
 }
 """The words that the gateway reads before it sends a word."""
 _WORDS: Final = {CONTROLWORD: WordKind.CONTROLWORD, STATUSWORD: WordKind.STATUSWORD}
-_DRIVES: Final = frozenset(DRIVE_TELEGRAM_NUMBERS)
 _PENDING: Final = {AxisState.STARTING, AxisState.FAULT}
 """The result of an edge may change: the drive starts, or its fault is acknowledged."""
 _LEAVING: Final = {State.OPERATION_ENABLED, State.FAULT, State.FAULT_REACTION_ACTIVE}
@@ -57,13 +55,11 @@ class ObjectFollower:
         self._early = uncertainty_ns
         self._bad_since: dict[Direction, int] = {}
         """Process data that is marked as bad."""
+        self._followed = _WORDS if axis.telegram in DRIVE_TELEGRAM_NUMBERS else {}
         self._words: dict[WordKind, tuple[int, Field]] = {}
         self._newest: dict[WordKind, Edge] = {}
         self._command: Edge | None = None
         """The newest edge of the Controlword until the drive has answered it."""
-        self._mode_asked: int | None = None
-        self._mode_shown: int | None = None
-        self._mode_since: int | None = None
         self._control: Edge | None = None
         """An edge of the PLC that no step has used yet."""
         self._settling: Edge | None = None
@@ -119,13 +115,14 @@ class ObjectFollower:
         """A frame of the node or to it."""
         now, do_id = record.time_ns, self.axis.do_id
         if isinstance(record, PdoRecord):
-            self.has_frames |= record.layout.name.startswith(PdoDirection.TPDO.label)
-            if self.axis.telegram in _DRIVES:
-                self._pdo(record)
+            layout = record.layout
+            self.has_frames |= layout.name.startswith(PdoDirection.TPDO.label)
+            values = zip(layout.addresses, layout.unit.fields, layout.unpack(record.data), strict=True)
+            for address, field, value in values:
+                if address in self._followed and isinstance(value, int):
+                    self.word(self._followed[address], now, value, field)
         elif isinstance(record, SdoRecord):
             self.has_frames |= not record.from_client
-            if (record.index, record.subindex) == MODE and record.from_client and record.value:
-                self._ask_mode(now, int.from_bytes(record.value, "little", signed=True))
         elif isinstance(record, NmtRecord):
             self._put(Event(now, do_id, "NMT", record.text))
         elif isinstance(record, HeartbeatRecord):
@@ -139,23 +136,6 @@ class ObjectFollower:
                 self._put(Event(now, do_id, "EMCY", text))
             else:
                 self._report(now, AnomalyKind.EMERGENCY, text)
-
-    def _pdo(self, record: PdoRecord) -> None:
-        now, layout = record.time_ns, record.layout
-        for address, field, value in zip(layout.addresses, layout.unit.fields, layout.unpack(record.data), strict=True):
-            if not isinstance(value, int):
-                continue
-            if address in _WORDS:
-                self.word(_WORDS[address], now, value, field)
-            elif address == MODE:
-                self._ask_mode(now, value)
-            elif address == MODE_DISPLAY:
-                self._mode_shown = value
-
-    def _ask_mode(self, now: int, mode: int) -> None:
-        if mode != self._mode_asked:
-            self._mode_asked = mode
-            self._mode_since = now if mode else None
 
     # -- what the gateway decided ---------------------------------------------------------------------------------------
 
@@ -204,18 +184,13 @@ class ObjectFollower:
             self._put(Event(now, self.axis.do_id, "IOPS", text))
 
     def tick(self, now: int) -> None:
-        """Report overdue answers."""
+        """Report an overdue answer."""
         command, (status, field) = self._command, self._words.get(WordKind.STATUSWORD, (0, None))
         if command is not None and now > command.time_ns + RESPONSE_NS:
             self._command = None
             if field is not None and _expectation(status, command):
                 text = f"{command.text}: the drive did not respond within 1 s, {field.text(status)}"
                 self._report(command.time_ns, AnomalyKind.HANDSHAKE, text)
-        if self._mode_since is not None and now > self._mode_since + MODE_CONFIRM_NS:
-            if self._mode_shown not in {None, self._mode_asked}:
-                text = f"6060h = {self._mode_asked}, 6061h = {self._mode_shown} for 1 s"
-                self._report(self._mode_since, AnomalyKind.MODE, text)
-            self._mode_since = None
 
     def _report(self, now: int, kind: AnomalyKind, text: str) -> None:
         self._put(Anomaly(now, self.axis.do_id, kind, text))

@@ -133,7 +133,6 @@ class AnomalyKind(enum.StrEnum):
     WATCHDOG = "watchdog gaps"
     IOPS_BAD = "IOPS BAD"
     HANDSHAKE = "missed handshakes"
-    MODE = "mode of operation not confirmed"
     EMERGENCY = "EMCY"
     LEFT_OPERATION = "drive left operation by itself"
     GATEWAY_FAULT = "faults of the gateway"

@@ -33,15 +33,6 @@ def test_a_command_the_drive_does_not_answer_is_a_missed_handshake(tmp_path: Pat
     assert text.endswith("[Switched On]")
 
 
-def test_unconfirmed_mode_is_reported(tmp_path: Path) -> None:
-    rig = RecordedRig(100)
-    rig.node.misbehave("mode-display-stuck")
-    rig.stw(0)
-    rig.values["Modes of Operation"] = 3
-    rig.step(300)
-    assert texts(timeline(rig, tmp_path), AnomalyKind.MODE) == ["6060h = 3, 6061h = 1 for 1 s"]
-
-
 def test_counter_jump_is_reported_with_the_number_of_missing_frames(tmp_path: Path) -> None:
     rig = speed()
     del rig.frames.plc[30:32]
