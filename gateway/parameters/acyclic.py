@@ -32,17 +32,8 @@ class AcyclicServer:
         self._link = daemon.link
         self.port = daemon.platform.open_udp(str(transport.listen), transport.acyclic_port, "acyclic port")
         self._manager = ParameterManager(daemon)
-        serial = transport.station_name[:16]
         writers = daemon.config.parameters.writers(transport.listen)
-        records = Records(
-            self._manager,
-            daemon.store,
-            daemon.update_store,
-            NIL,
-            serial,
-            writers,
-            vendor_id=transport.vendor_id,
-        )
+        records = Records(daemon, self._manager, NIL, writers)
         self.server: RecordServer[Address] = RecordServer(
             records.of, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF
         )
@@ -111,15 +102,7 @@ class ProfinetRecords:
 
     def __init__(self, daemon: Daemon, link: ProfinetLink) -> None:
         self._manager = ParameterManager(daemon)
-        transport = daemon.config.transport
-        self._records = Records(
-            self._manager,
-            daemon.store,
-            daemon.update_store,
-            None,
-            transport.station_name[:16],
-            vendor_id=transport.vendor_id,
-        )
+        self._records = Records(daemon, self._manager, None)
         self._write_from = daemon.config.parameters.write_from or ()
         self._link = link
         link.serve_records(self._of)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
@@ -237,7 +238,9 @@ class NodeObject(BoundObject):
         masks = tuple(signal(name).bit("SIGN_OF_LIFE").mask for name in ("ZSW2", "STW2"))
         self.bind(Pnu.SIGN_OF_LIFE_BIT, lambda: masks)
         self.bind(Pnu.SIGN_OF_LIFE_TOLERANCE, lambda: self._stored.sign_of_life_tolerance, self._set_tolerance)
-        self.bind(Pnu.OPERATION_PRIORITY, lambda: self._stored.operation_priority, self._setter("operation_priority"))
+        self.bind(
+            Pnu.OPERATION_PRIORITY, lambda: self._stored.operation_priority, partial(self._store, "operation_priority")
+        )
         self.bind(Pnu.CONTROL_PRIORITY, lambda: 1, lambda _: None)
         self.bind(Pnu.FAULT_COUNTER, lambda: log_.counter)
         self.bind(Pnu.FAULT_CODE, lambda: [fault.code for fault in log_.entries()])
@@ -264,43 +267,31 @@ class NodeObject(BoundObject):
     def _name(self) -> bytes:
         return (self._stored.name or f"{self.owner.kind} {self.do_id}").encode()
 
-    def _setter(self, name: str) -> Setter:
-        def set_value(value: int) -> None:
-            self._store(name, value)
-
-        return set_value
-
     def _store(self, name: str, value: int | None) -> None:
         _store_is_saved(self.daemon, lambda stored: setattr(stored.drive_object(self.do_id), name, value))
 
     def _set_tolerance(self, failures: int) -> None:
-        self._setter("sign_of_life_tolerance")(failures)
+        self._store("sign_of_life_tolerance", failures)
         self.owner.set_sign_of_life_tolerance(failures)
 
     def _select_telegram(self, number: int, host: str | None) -> None:
         if number not in self.owner.telegram_numbers:
             raise ParameterRefused(Number.VALUE_IMPERMISSIBLE)
-        self._check_telegram_change(number, host)
+        self._telegram(self.daemon.check_telegram_change, number, host)
         before = self._stored.telegram
         self._store("telegram", number)
         try:
-            self._change_telegram(number, host)
+            self._telegram(self.daemon.change_telegram, number, host)
         except ParameterRefused:
             self._store("telegram", before)
             raise
 
-    def _check_telegram_change(self, number: int, host: str | None) -> None:
+    def _telegram(self, act: Callable[[DriveObject, int, str | None], None], number: int, host: str | None) -> None:
+        """Check or change to another telegram; ParameterRefused, with the reason in the log, if this is not possible now."""
         if number == self.owner.telegram.number:
             return
         try:
-            self.daemon.check_telegram_change(self.owner, number, host)
-        except (GatewayError, CanopenError) as error:
-            log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error)
-            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
-
-    def _change_telegram(self, number: int, host: str | None) -> None:
-        try:
-            self.daemon.change_telegram(self.owner, number, host)
+            act(self.owner, number, host)
         except (GatewayError, ProfidriveError, CanopenError) as error:
             log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
@@ -332,13 +323,12 @@ class NodeObject(BoundObject):
         """P970: the node's factory values (1011h) after a restart of it, the gateway's own as configured."""
         self.require_power_off()
         configured = self.owner.config.telegram
-        self._check_telegram_change(configured, context.host)
+        self._telegram(self.daemon.check_telegram_change, configured, context.host)
         before = self._stored.model_copy()
         self._replace_stored(DoParameters(own_values=before.own_values))
         try:
             self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"), context)
-            if self.owner.telegram.number != configured:
-                self._change_telegram(configured, context.host)
+            self._telegram(self.daemon.change_telegram, configured, context.host)
         except ParameterRefused:
             self._replace_stored(before.model_copy(update={"own_values": self._stored.own_values}))
             raise

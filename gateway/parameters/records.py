@@ -15,11 +15,12 @@ from ipaddress import IPv4Address, IPv4Network
 from uuid import UUID
 
 from pdgw.gateway import identity
+from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
-from pdgw.gateway.store import DeviceParameters, ParameterStore
+from pdgw.gateway.store import DeviceParameters
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import HEADER_SIZE, RequestId
 from pdgw.profinet.model import DAP_SLOT, INTERFACE_SUBSLOT, PORT_SUBSLOT, TELEGRAM_SUBSLOT
@@ -46,6 +47,8 @@ _FURTHER = {
 _REQUEST_ID_OFFSET = 1
 _OUTSTANDING = 32
 """Requests of all callers that are in work or whose answers were not fetched yet."""
+_SERIAL_MAX = 16
+"""Characters of the station's name that are IM_Serial_Number."""
 _LOGGED_MAX = 64
 """Maximum number of different refusals in the log."""
 _STORED: dict[int, tuple[str, ...]] = {
@@ -80,21 +83,14 @@ class Records:
 
     def __init__(
         self,
+        daemon: Daemon,
         manager: ParameterManager,
-        store: ParameterStore,
-        update_store: Callable[[Callable[[DeviceParameters], None]], None],
         ar_uuid: UUID | None,
-        station_serial: str,
         writers: Sequence[IPv4Network] | None = None,
-        *,
-        vendor_id: int = identity.VENDOR_ID,
     ) -> None:
-        self._vendor_id = vendor_id
+        self._daemon = daemon
         self._manager = manager
-        self._store = store
-        self._update_store = update_store
         self._ar_uuid = ar_uuid
-        self._serial = station_serial
         self.writers = writers
         self._logged: set[str] = set()
         self._in_work: dict[tuple[int, int], Future[bytes | None]] = {}
@@ -201,16 +197,12 @@ class Records:
 
     def _identification(self, number: int) -> bytes:
         if number == 0:
+            transport = self._daemon.config.transport
+            serial, software = transport.station_name[:_SERIAL_MAX], ("V", *identity.RELEASE)
             return identification.encode_im0(
-                identification.Im0(
-                    self._vendor_id,
-                    identity.ORDER_ID,
-                    self._serial,
-                    identity.HARDWARE_REVISION,
-                    ("V", *identity.RELEASE),
-                )
+                identification.Im0(transport.vendor_id, identity.ORDER_ID, serial, identity.HARDWARE_REVISION, software)
             )
-        values = [getattr(self._store.parameters, name) for name in _STORED[number]]
+        values = [getattr(self._daemon.store.parameters, name) for name in _STORED[number]]
         octets: Callable[[str], bytes] = bytes.fromhex if number == identification.SIGNATURE else str.encode
         return identification.encode_im(number, tuple(octets(value) for value in values))
 
@@ -232,7 +224,7 @@ class Records:
                 setattr(parameters, name, text)
 
         try:
-            self._update_store(change)
+            self._daemon.update_store(change)
         except GatewayError as error:
             log.error("%s", error)
             raise RecordRefused(AccessError.WRITE_ERROR) from error

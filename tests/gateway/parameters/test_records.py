@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future
 from ipaddress import IPv4Network
+from types import SimpleNamespace
 from typing import Any, cast
 from uuid import UUID
 
@@ -14,7 +15,8 @@ from hypothesis import strategies as st
 
 from pdgw.durations import MS
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.tables.environment import ParametersConfig
+from pdgw.gateway.configuration.tables.environment import ParametersConfig, TransportConfig
+from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.records import CallerRecords, Records
@@ -48,7 +50,9 @@ def records(*writers: str, manager: Manager | None = None, everybody: bool = Tru
 
     networks = None if everybody else [IPv4Network(item) for item in writers]
     store = ParameterStore(None, lambda _: None)
-    return Records(cast(ParameterManager, manager), store, store.update, NIL, "1", networks), manager
+    transport = TransportConfig()
+    daemon = SimpleNamespace(config=SimpleNamespace(transport=transport), store=store, update_store=store.update)
+    return Records(cast(Daemon, daemon), cast(ParameterManager, manager), NIL, networks), manager
 
 
 def block(kind: BlockType, index: int = RECORD_GLOBAL, slot: int = 0, ar_uuid: UUID = NIL) -> RecordBlock:
