@@ -99,7 +99,7 @@ ROWS = {
     "peers.drive.model": "ds301 dsp402 peers.drive.device peers.drive.family peers.option_values",
     "peers.encoder": "ds301 dsp406 peers.node peers.option_values",
     "peers.bus": "ds301 gateway.errors peers.node",
-    "peers.plc.exchange": f"{_FIELD} gateway client",
+    "peers.plc.exchange": f"{_FIELD} gateway",
     "peers.plc": f"{_FIELD} gateway client peers.plc.exchange",
     "peers.controller": f"{_FIELD} gateway client peers.plc",
     "peers.simulation": f"{_FIELD} gateway peers.bus peers.drive peers.encoder peers.node peers.option_values",

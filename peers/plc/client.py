@@ -7,9 +7,11 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 
+from pdgw.client.address import Target
+from pdgw.client.session import Element, Session
 from pdgw.client.udp import ParameterClient
 from pdgw.durations import SECOND
 from pdgw.gateway.links.udp import Address
@@ -42,6 +44,11 @@ class PlcRunner(abc.ABC):
     def _open_parameters(self) -> ParameterClient:
         """Open the parameter channel."""
 
+    def _request(self, do_id: int, targets: Sequence[Target], values: Sequence[str]) -> Future[list[Element]]:
+        if self._parameters is None:
+            self._parameters = self._open_parameters()
+        return self._requests.submit(_answer, self._parameters, do_id, targets, values)
+
     def close(self) -> None:
         """Release the link after the present parameter access, which has a timeout."""
         self._requests.shutdown()
@@ -57,6 +64,8 @@ class PlcRunner(abc.ABC):
 
         A scenario ends, too, when an expectation fails and no gateway has answered until then.
         """
+        if engine is not None:
+            engine.drive, engine.request = drive, self._request
         due = time.monotonic_ns()
         while not self._stopping.is_set() and not (engine is not None and engine.finished):
             now = time.monotonic_ns()
@@ -69,14 +78,14 @@ class PlcRunner(abc.ABC):
                 engine.step(now)
                 if not engine.passed and not self.endpoint.counters["received"]:
                     engine.abort()
-                while engine.drive_commands:
-                    drive(engine.drive_commands.pop(0))
-                while engine.accesses:
-                    if self._parameters is None:
-                        self._parameters = self._open_parameters()
-                    self._requests.submit(engine.accesses.pop(0).serve, self._parameters)
             self._send(muted=engine is not None and engine.muted)
             self.on_cycle()
+
+
+def _answer(client: ParameterClient, do_id: int, targets: Sequence[Target], values: Sequence[str]) -> list[Element]:
+    client.do_id = do_id
+    session = Session(client)
+    return session.write_texts(list(zip(targets, values, strict=True))) if values else session.read_first(targets)
 
 
 class PlcClient(PlcRunner):

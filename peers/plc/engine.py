@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 
-from pdgw.client.address import parse_target
+from pdgw.client.address import Target, parse_target
 from pdgw.client.session import Element
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.actions import Access, Order, Set, Wait
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.following import Follow, Following, can_follow
-from pdgw.peers.plc.exchange.parameters import ParameterAccess
 from pdgw.peers.plc.notation import Scalar, comparison, expected, integer, parse_time, raw_value, written
 from pdgw.peers.plc.scenario import ACTIONS, Scenario, Step
 from pdgw.peers.plc.vocabulary import Word, find
@@ -20,6 +20,8 @@ from pdgw.profidrive.errors import ProfidriveError
 
 Run = Callable[[int], bool]
 """One part of a step: called each cycle with the time, until it returns True."""
+Request = Callable[[int, Sequence[Target], Sequence[str]], "Future[list[Element]]"]
+"""Read one element of each target from a drive object, or write values to them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +40,7 @@ class Result:
 class Engine:
     """Runs a scenario on an endpoint. Call ``step(now)`` once per cycle until ``finished`` is true.
 
-    ``muted``: send no frames. ``drive_commands``: lines for the device simulator. ``accesses``: requests to the parameter
-    channel; the caller serves both. GatewayError from the constructor when a step does not fit the axis' telegram.
+    ``muted``: send no frames. GatewayError from the constructor when a step does not fit the axis' telegram.
     """
 
     def __init__(self, scenario: Scenario, endpoint: PlcEndpoint) -> None:
@@ -47,8 +48,10 @@ class Engine:
         self.endpoint = endpoint
         self.results: list[Result] = []
         self.notes: list[tuple[float, str]] = []
-        self.drive_commands: list[str] = []
-        self.accesses: list[ParameterAccess] = []
+        self.drive: Callable[[str], object] = lambda _: None
+        """Gets the commands for the device simulator."""
+        self.request: Request = lambda *_: Future()
+        """Parameter channel; without one there is no answer."""
         self.muted = False
         self.finished = False
         self._start = -1
@@ -220,31 +223,40 @@ class Engine:
                 raise GatewayError(f"parameter {name!r}: expected one element; each element has its own value")
         checks = [_check(step, name, value, write=part.write) for name, value in part.values.items()]
         values = tuple(map(str, part.values.values())) if part.write else ()
-        access: ParameterAccess | None = None
+        answer: Future[list[Element]] | None = None
 
         def run(now: int) -> bool:
-            nonlocal access
+            nonlocal answer
             expired = now - self._since >= within
-            if access is None:
-                access = ParameterAccess(axis + 1, targets, values)
-                self.accesses.append(access)
-            if not access.done and not expired:
+            if answer is None:
+                answer = self.request(axis + 1, targets, values)
+            if not answer.done() and not expired:
                 return False
-            answers = access.answers if access.done else ()
-            met = [holds(answer) for (_, holds), answer in zip(checks, answers, strict=False)]
-            if not access.error and access.done and not all(met) and not part.write and not expired:
-                access = None
+            elements, problem = _outcome(answer)
+            met = [holds(element) for (_, holds), element in zip(checks, elements, strict=False)]
+            if elements and not all(met) and not part.write and not expired:
+                answer = None
                 return False
             for place, (name, _) in enumerate(checks):
-                if place < len(answers):
-                    answer = answers[place]
-                    measured = answer.error_text if answer.failed else str(answer.value)
+                if elements:
+                    element = elements[place]
+                    measured = element.error_text if element.failed else str(element.value)
                     self._report(axis, name, met[place], measured, now)
                 else:
-                    self._report(axis, name, False, access.error or "no answer in time", now)
+                    self._report(axis, name, False, problem, now)
             return True
 
         return run
+
+
+def _outcome(answer: Future[list[Element]]) -> tuple[list[Element], str]:
+    """The elements of an answer, or why there are none."""
+    if not answer.done():
+        return [], "no answer in time"
+    error = answer.exception()
+    if error is None:
+        return answer.result(), ""
+    return [], str(error) if isinstance(error, GatewayError) else repr(error)
 
 
 def _check(step: Step, name: str, wanted: Scalar, *, write: bool) -> tuple[str, Callable[[Element], bool]]:

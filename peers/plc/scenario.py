@@ -135,7 +135,7 @@ class Step(Model):
     """provider state RUN or STOP"""
     drive: Annotated[
         str | None,
-        actions.order(lambda engine, line: engine.drive_commands.append(line)),
+        actions.order(lambda engine, line: engine.drive(line)),
         Field(examples=["@1 fault 7"]),
     ] = None
     """a command for the simulated devices, as for `pdgw sim inject`"""

@@ -112,11 +112,10 @@ class BitsPlc(Plc):
         """
         numbers = [item.number for item in self.endpoint.telegrams]
         engine = Engine(Scenario.model_validate({"telegrams": numbers, "steps": list(steps)}), self.endpoint)
+        engine.drive = self._console.execute
         end = self._loop.now() + _LIMIT_NS
         while not engine.finished and self._loop.now() < end:
             engine.step(self._loop.now())
-            while engine.drive_commands:
-                self._console.execute(engine.drive_commands.pop(0))
             self.exchange(0)
         failed = [f"{item.name}: {item.measured}" for item in engine.results if not item.passed]
         assert not failed, failed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Future
 from ipaddress import IPv4Interface
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +16,6 @@ from scapy.utils import rdpcap
 
 from pdgw.client.address import Target, parse_target
 from pdgw.client.session import Element
-from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint
@@ -23,7 +24,6 @@ from pdgw.peers.controller.plc import ProfinetPlc
 from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.parameters import ParameterAccess
 from pdgw.peers.plc.notation import parse_time
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.plc.scenario_file import load_scenario
@@ -110,11 +110,14 @@ def test_a_setpoint_that_does_not_fit_is_named_and_changes_nothing() -> None:
     assert plc.setpoints[0]["NSOLL_A"] == 0
 
 
-def play(document: dict[str, object], answers: list[dict[str, int] | None]) -> tuple[Engine, list[dict[str, int]]]:
+def play(
+    document: dict[str, object], answers: list[dict[str, int] | None], drive: Callable[[str], None] = lambda _: None
+) -> tuple[Engine, list[dict[str, int]]]:
     """Run a scenario; ``answers``: actual values of axis 1, cycle by cycle; the last one is repeated."""
     scenario = Scenario.model_validate(document)
     plc = PlcEndpoint([telegram(number) for number in scenario.telegrams], CYCLE)
     engine = Engine(scenario, plc)
+    engine.drive = drive
     sent = []
     for cycle in range(5000):
         answer = answers[min(cycle, len(answers) - 1)]
@@ -226,10 +229,11 @@ def test_values_in_every_notation(text: str, raw: int) -> None:
 
 def test_mute_provider_stop_hold_and_drive_commands_reach_the_edge() -> None:
     steps = [{"mute": True}, {"run": False}, {"drive": "fault 7"}, {"hold": "20 ms"}]
-    engine, sent = play({"steps": steps}, [{}])
+    commands: list[str] = []
+    engine, sent = play({"steps": steps}, [{}], commands.append)
     assert engine.muted
     assert not engine.endpoint.run
-    assert engine.drive_commands == ["fault 7"]
+    assert commands == ["fault 7"]
     assert len(sent) == 6
 
 
@@ -247,25 +251,26 @@ def element(value: int | float | str, error: int | None = None) -> Element:
     return Element(0, 0, None if error is not None else DataType.INTEGER32, value, error)
 
 
-def parameters(step: dict[str, object], answers: list[list[Element] | str | None]) -> tuple[Engine, list[object]]:
-    """Run one step on the parameter channel: one answer a cycle, an error for a text, None for no answer."""
+def parameters(step: dict[str, object], answers: list[list[Element] | Exception | None]) -> tuple[Engine, list[object]]:
+    """Run one step on the parameter channel: one answer a cycle, which is an exception for an error and None for none."""
     scenario = Scenario.model_validate({"telegrams": [1, 1], "steps": [{"axis": 2, "within": "20 ms", **step}]})
     engine = Engine(scenario, PlcEndpoint([telegram(1)] * 2, CYCLE))
     asked: list[object] = []
-    waiting: list[ParameterAccess] = []
+    waiting: list[Future[list[Element]]] = []
+
+    def request(*addressed: object) -> Future[list[Element]]:
+        asked.append(addressed)
+        waiting.append(Future())
+        return waiting[-1]
+
+    engine.request = request
     for cycle in range(20):
         engine.step(cycle * CYCLE)
-        waiting += engine.accesses
-        asked += [(access.do_id, access.targets, access.values) for access in engine.accesses]
-        engine.accesses.clear()
         answer = answers[min(cycle, len(answers) - 1)]
-        if waiting and answer is not None:
-            access = waiting.pop()
-            if isinstance(answer, str):
-                access.error = answer
-            else:
-                access.answers = tuple(answer)
-            access.done = True
+        if waiting and isinstance(answer, Exception):
+            waiting.pop().set_exception(answer)
+        elif waiting and answer is not None:
+            waiting.pop().set_result(answer)
         if engine.finished:
             break
     assert engine.finished
@@ -301,26 +306,19 @@ def test_parameters_are_written_once_and_a_rejection_can_be_expected() -> None:
 
 
 @pytest.mark.parametrize(
-    ("answer", "measured"), [(None, "no answer in time"), ("gateway: does not answer", "gateway: does not answer")]
+    ("answer", "measured"),
+    [
+        (None, "no answer in time"),
+        (GatewayError("gateway: does not answer"), "gateway: does not answer"),
+        (KeyError("a mistake"), "KeyError('a mistake')"),
+    ],
 )
-def test_a_silent_parameter_channel_fails_every_expectation_of_the_step(answer: str | None, measured: str) -> None:
+def test_a_silent_parameter_channel_fails_every_expectation_of_the_step(
+    answer: Exception | None, measured: str
+) -> None:
     for action in ("read", "write"):
         engine, _ = parameters({action: {"P922": 1, "P965": 2}}, [answer])
         assert [(item.passed, item.measured) for item in engine.results] == [(False, measured)] * 2
-
-
-def test_an_access_that_fails_in_an_unexpected_way_fails_its_step_and_not_the_next(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def mistaken(*_: object) -> None:
-        raise KeyError("a mistake")
-
-    monkeypatch.setattr(ParameterClient, "request", mistaken)
-    accesses = [ParameterAccess(1, (parse_target("P922"),)) for _ in range(2)]
-    with ParameterClient(("127.0.0.1", 9), 1) as client:
-        for access in accesses:
-            access.serve(client)
-    assert [(access.done, access.error) for access in accesses] == [(True, "KeyError('a mistake')")] * 2
 
 
 def test_capture_with_a_lost_packet_is_reported_as_incomplete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
