@@ -235,6 +235,10 @@ def test_bad_eds_is_reported_before_the_first_packet(
 
 
 def test_hex_is_a_packet_with_the_options_of_a_capture(capsys: pytest.CaptureFixture[str]) -> None:
+    decode(hex_text="7F04 0010", telegram=[1])
+    assert "STW1 7F04h is 047Fh with its bytes swapped" in capsys.readouterr().err
+    decode(hex_text="047F 1000", telegram=[1])
+    assert not capsys.readouterr().err
     decode(hex_text="0637 2000", telegram=[1])
     assert [line.split(" | ")[1] for line in lines(capsys)] == [
         "axis 1 T1 STW1 0637h NSOLL_A 50.000 %",

@@ -158,9 +158,9 @@ def _hex_packets(text: str, telegrams: list[int]) -> tuple[list[Packet], list[in
         except ProfidriveError as error:
             refusals.append(error)
             continue
-        found.append((packet, list(chosen)))
-        if len(chosen) == 1 and (hint := swapped_words(data, chosen[0], direction)):
+        if not found and len(chosen) == 1 and (hint := swapped_words(data, chosen[0], direction)):
             _print_notices([hint])
+        found.append((packet, list(chosen)))
     if not found:
         raise refusals[0]
     _, first = found[0]
