@@ -146,8 +146,8 @@ def test_bad_hex_is_told_with_its_offset(text: str, message: str) -> None:
 def test_the_command_prints_the_documented_object_and_one_line_for_an_error() -> None:
     good = pdgw("decode", "--telegram", "1", "--json", "--hex", "047F 2000")
     assert good.returncode == 0
-    document = json.loads(good.stdout)
-    assert document["units"][0]["signals"]["NSOLL_A"]["value"] == 50.0
+    sent, received = (json.loads(line)["units"][0]["signals"] for line in good.stdout.splitlines())
+    assert (sent["NSOLL_A"]["value"], received["NIST_A"]["value"]) == (50.0, 50.0)
     bad = pdgw("decode", "--telegram", "1", "--json", "--hex", "047F 20")
     assert bad.returncode == 1
     assert "telegram 1 have 4 bytes" in bad.stderr
