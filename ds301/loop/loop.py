@@ -36,8 +36,8 @@ T = TypeVar("T")
 SLICE_NS: Final = 200_000
 """A slice of a task is nearly always shorter: it starts only if nothing is expected for this time."""
 _LONGEST_WAIT_S: Final = 3600.0
-_CANCELLED: Final = 64
-"""Cancelled timers that may stay among the others."""
+_CLEAN_UP: Final = 512
+"""Number of new timers after which the cancelled ones are removed."""
 
 
 class TaskKilled(BaseException):
@@ -139,8 +139,6 @@ class Loop(abc.ABC):
         )
         self._timers: list[tuple[int, int, Timer]] = []
         self._number = 0
-        self._most_timers = _CANCELLED
-        """With more timers than these, the cancelled ones are removed."""
         self._slices: deque[Callable[[], None]] = deque()
         self._stopping = False
 
@@ -196,11 +194,10 @@ class Loop(abc.ABC):
 
     def _add(self, timer: Timer) -> None:
         timers = self._timers
-        if len(timers) > self._most_timers:
+        self._number += 1
+        if not self._number % _CLEAN_UP:
             timers[:] = [item for item in timers if item[2].action is not None]
             heapq.heapify(timers)
-            self._most_timers = 2 * len(timers) + _CANCELLED
-        self._number += 1
         heapq.heappush(timers, (timer.when, self._number, timer))
 
     def call_later(self, delay: int, action: Callable[[], None]) -> Timer:
