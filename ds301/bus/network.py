@@ -192,7 +192,7 @@ class CanNetwork(Receiver):
         """Call with the time every 20 ms, all of the bus together: each time of its own would wake the loop."""
         self._watchers.append(look)
         if self._check_timer is None:
-            self._check_timer = self.loop.call_later(_CHECK_NS, self._on_check)
+            self._check_timer = self.loop.call_later(_CHECK_NS, self._check_nodes)
 
     def unwatch(self, look: Callable[[int], None]) -> None:
         """The end of ``watch``."""
@@ -202,17 +202,15 @@ class CanNetwork(Receiver):
         """Look now if it would be due before ``when`` or soon after: the cyclic exchange is awake, and wakes again only then."""
         timer = self._check_timer
         if timer is not None and timer.when <= when + _EARLY_NS:
-            now = self.loop.now()
-            timer.postpone(max(timer.when, now) + _CHECK_NS)
-            self._check_nodes(now)
+            timer.cancel()
+            self._check_nodes()
 
-    def _on_check(self) -> None:
-        self._check_nodes(self.loop.now())
-        self._check_timer = self.loop.call_later(_CHECK_NS, self._on_check) if self._watchers else None
-
-    def _check_nodes(self, now: int) -> None:
+    def _check_nodes(self) -> None:
+        now, timer, self._check_timer = self.loop.now(), self._check_timer, None
         for look in self._watchers:
             look(now)
+        if self._watchers and timer is not None:
+            self._check_timer = self.loop.call_at(max(now, timer.when) + _CHECK_NS, self._check_nodes)
 
     def send(self, cob_id: int, data: bytes) -> bool:
         """Send a frame, or queue it until the interface has room; True if the interface accepted it at once.
