@@ -17,13 +17,13 @@ from pdgw.peers.world import Plc
 from tests.support.gateways.daemon import running, world_of
 
 KNOWN: dict[tuple[int, int, float], dict[tuple[int, int], int]] = {
-    (1, 3, 1): {(3, 11): 4084},
-    (8, 3, 1): {(3, 11): 21302},
-    (64, 3, 1): {(3, 11): 152585},
-    (1, 3, 4): {(3, 11): 4383},
-    (8, 3, 4): {(3, 11): 23490},
-    (64, 3, 4): {(3, 11): 169400},
-    (30, 30, 10): {(3, 11): 157104},
+    (1, 3, 1): {(3, 11): 4329},
+    (8, 3, 1): {(3, 11): 22088},
+    (64, 3, 1): {(3, 11): 158263},
+    (1, 3, 4): {(3, 11): 4530},
+    (8, 3, 4): {(3, 11): 23835},
+    (64, 3, 4): {(3, 11): 170923},
+    (30, 30, 10): {(3, 11): 146213},
 }
 """Bytecodes of a cycle, by axes, axes on each bus and cycle time in milliseconds, then by version of Python."""
 _CYCLES = 20
