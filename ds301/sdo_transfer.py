@@ -36,11 +36,11 @@ BLOCK_SOURCE: Final = 0xC0
 BLOCK_STEP: Final = 0x03
 END: Final = 1
 ACKNOWLEDGE: Final = 2
-_START: Final = 3
+START: Final = 3
 EXPEDITED: Final = 0x02
 _SIZE: Final = 0x01
 _BLOCK_SIZE: Final = 0x02
-_CRC: Final = 0x04
+CRC: Final = 0x04
 _TOGGLE: Final = 0x10
 _NO_MORE: Final = 0x01
 LAST_SEGMENT: Final = 0x80
@@ -108,7 +108,7 @@ class Source:
 
     def first_of_blocks(self, address: bytes) -> bytes:
         """The frame that begins a block transfer."""
-        return _frame(BLOCK_SOURCE | _CRC | _BLOCK_SIZE, address + len(self._data).to_bytes(4, "little"))
+        return _frame(BLOCK_SOURCE | CRC | _BLOCK_SIZE, address + len(self._data).to_bytes(4, "little"))
 
     def segment(self) -> bytes:
         """The next segment."""
@@ -140,7 +140,7 @@ class Source:
     def confirm(self, frame: bytes) -> list[bytes]:
         """The frames after one of the side that receives blocks."""
         step = frame[0] & BLOCK_STEP
-        if step == _START:
+        if step == START:
             return self.block()
         if step == END:
             self.complete = True
@@ -171,7 +171,7 @@ class Sink:
         self.toggle = 0
         self.in_blocks = False
         """A block transfer has begun."""
-        self.crc = False
+        self.crc = True
         """Both sides support its checksum."""
         self._block: dict[int, bytes] = {}
         """Segments of this block by number."""
@@ -180,6 +180,11 @@ class Sink:
         self.ending = False
         """The last block is confirmed: the end follows."""
         self.complete = False
+
+    @property
+    def awaits_block(self) -> bool:
+        """The next frame of the other side is a segment of a block."""
+        return self.in_blocks and not self.ending
 
     def first(self, frame: bytes) -> None:
         """The frame that begins the transfer, with the data if it is expedited."""
@@ -192,8 +197,7 @@ class Sink:
 
     def first_of_blocks(self, frame: bytes) -> None:
         """The frame of the source that begins a block transfer."""
-        self.in_blocks = True
-        self.crc = frame[0] & _CRC != 0
+        self.crc = self.crc and frame[0] & CRC != 0
         if frame[0] & _BLOCK_SIZE:
             self.size = int.from_bytes(frame[4:], "little")
 
@@ -335,7 +339,7 @@ class Upload(Transfer):
         limit_ns: int = _NEVER,
     ) -> None:
         address = address_of(index, subindex)
-        request = _frame(BLOCK_SINK | _CRC, address + bytes((BLOCK_LIMIT,))) if by_blocks else _frame(UPLOAD, address)
+        request = _frame(BLOCK_SINK | CRC, address + bytes((BLOCK_LIMIT,))) if by_blocks else _frame(UPLOAD, address)
         super().__init__(index, subindex, request, timeout_ns, limit_ns)
         self.sink = Sink(limit)
         self._repeated = False
@@ -345,7 +349,7 @@ class Upload(Transfer):
         sink = self.sink
         if self._begun and now >= self._end:
             return [self._fail(Abort.GENERAL, _TOO_LONG)]
-        if now >= self.due and sink.in_blocks and not sink.ending and not self._repeated:
+        if now >= self.due and sink.awaits_block and not self._repeated:
             self._repeated = True
             self.due = now + self._timeout_ns
             return [sink.acknowledge()]
@@ -359,7 +363,8 @@ class Upload(Transfer):
             frames = sink.confirm(frame)
         elif command == BLOCK_SOURCE and not self._begun and self.request[0] != UPLOAD:
             sink.first_of_blocks(frame)
-            return [_frame(BLOCK_SINK | _START)]
+            sink.in_blocks = True
+            return [_frame(BLOCK_SINK | START)]
         elif command != (SEGMENT if self._begun else UPLOAD):
             return None
         else:
@@ -392,7 +397,7 @@ class Download(Transfer):
             self.ended = source.complete
             return frames
         if self._by_blocks:
-            source.crc = frame[0] & _CRC != 0
+            source.crc = frame[0] & CRC != 0
             source.resize(frame[4])
             return source.block()
         if self._begun and frame[0] & _TOGGLE == source.toggle:
@@ -466,7 +471,7 @@ class SdoServer:
         self._source, self._sink = source, None
         if frame[0] & COMMAND == UPLOAD:
             return source.first(UPLOAD, address)
-        source.crc = frame[0] & _CRC != 0
+        source.crc = frame[0] & CRC != 0
         source.resize(frame[4])
         return source.first_of_blocks(address)
 
@@ -479,7 +484,8 @@ class SdoServer:
             self._store(sink)
             return _frame(CONFIRM, address)
         sink.first_of_blocks(frame)
-        return _frame(BLOCK_SINK | _CRC, address + bytes((BLOCK_LIMIT,)))
+        sink.in_blocks = True
+        return _frame(BLOCK_SINK | CRC, address + bytes((BLOCK_LIMIT,)))
 
     def _store(self, sink: Sink) -> None:
         if sink.complete:

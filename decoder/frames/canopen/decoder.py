@@ -32,7 +32,7 @@ from pdgw.decoder.frames.canopen.records import (
     SyncRecord,
     TimeRecord,
 )
-from pdgw.decoder.frames.canopen.sdo import FRAME_SIZE, SdoChannel, Step
+from pdgw.decoder.frames.canopen.sdo import SdoChannel, Step
 from pdgw.decoder.frames.fields import Raw
 from pdgw.decoder.frames.link import CanFrame
 from pdgw.decoder.frames.profinet.cyclic import Axis
@@ -45,6 +45,7 @@ from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.nmt import HEARTBEAT_STATE, NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter, pdo_of
+from pdgw.ds301.sdo_transfer import FRAME_SIZE
 from pdgw.dsp402.identification.overlay import entries_of, families_of
 from pdgw.dsp402.pdo.layouts import with_objects
 from pdgw.durations import MS

@@ -6,25 +6,53 @@ nothing is refused. Left out: further SDO servers (1201h upwards).
 
 from __future__ import annotations
 
-import binascii
-import enum
 from dataclasses import dataclass
 from typing import Final
 
-FRAME_SIZE: Final = 8
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.sdo_transfer import (
+    ABORT,
+    ACKNOWLEDGE,
+    ADDRESS,
+    BLOCK_SINK,
+    BLOCK_SOURCE,
+    BLOCK_STEP,
+    COMMAND,
+    CONFIRM,
+    CRC,
+    DOWNLOAD,
+    END,
+    FRAME_SIZE,
+    LAST_SEGMENT,
+    SEGMENT,
+    START,
+    UPLOAD,
+    SdoAbortedError,
+    Sink,
+)
+
 MAX_TRANSFER: Final = 1 << 20
 """Bytes that are kept of one transfer; of a longer one the end is dropped and said so."""
-_ABORT: Final = 0x80
 _BLOCK_UPLOAD_END: Final = "block upload end"
 _BLOCK_UPLOAD_LAST: Final = "block upload end response"
-
-
-class Phase(enum.Enum):
-    """Kinds of the frames of a transfer, in order."""
-
-    SEGMENTS = "segments"
-    BLOCK = "block"
-    END = "end"
+_CLIENT: Final = {
+    SEGMENT: "download segment",
+    DOWNLOAD: "download request",
+    UPLOAD: "upload request",
+    CONFIRM: "upload segment request",
+}
+"""Frames of the client by their command, and those of the server."""
+_SERVER: Final = {
+    SEGMENT: "upload segment",
+    DOWNLOAD: "download segment response",
+    UPLOAD: "upload response",
+    CONFIRM: "download response",
+}
+_BLOCK_STEPS: Final = {END: "end response", ACKNOWLEDGE: "acknowledge", START: "start"}
+_NOTES: Final = {
+    Abort.TOGGLE_NOT_ALTERNATED: "toggle bit not alternated",
+    Abort.CRC_ERROR: "the CRC does not match the data",
+}
 
 
 @dataclass(slots=True)
@@ -46,23 +74,13 @@ class Step:
         return not self.from_client and self.value is not None
 
 
-@dataclass(slots=True)
 class _Transfer:
-    index: int
-    subindex: int
-    upload: bool
-    data: bytearray
-    phase: Phase = Phase.SEGMENTS
-    announced: int | None = None
-    toggle: int = 0
-    block: dict[int, bytes] | None = None
-    last: int | None = None
-    """Sequence number of the block's segment that is marked as the last one."""
-    ended: bool = False
-    """The last segment was seen."""
-    truncated: bool = False
-    checked: bool = True
-    """The block transfer's CRC agrees with the data (or none was sent)."""
+    """One transfer of ``address``, as an observer sees it."""
+
+    def __init__(self, address: bytes, *, upload: bool) -> None:
+        self.address = address
+        self.upload = upload
+        self.sink = Sink(MAX_TRANSFER)
 
 
 class SdoChannel:
@@ -71,17 +89,16 @@ class SdoChannel:
     def __init__(self) -> None:
         self._transfer: _Transfer | None = None
         self._asked_ns: int | None = None
-        self._crc = False
 
     def feed(self, from_client: bool, data: bytes, time_ns: int) -> Step:
         """Describe one frame of eight bytes (ValueError otherwise)."""
         if len(data) != FRAME_SIZE:
             raise ValueError(f"an SDO frame of {len(data)} bytes, expected {FRAME_SIZE}")
-        step = self._client(data) if from_client else self._server(data)
+        step = self._describe(from_client, data)
         transfer = self._transfer
         if step.index is None and transfer is not None:
-            step.index, step.subindex = transfer.index, transfer.subindex
-        if transfer is not None and transfer.truncated and step.value is not None:
+            _name(step, transfer.address)
+        if transfer is not None and transfer.sink.truncated and step.value is not None:
             step.note = f"longer than {MAX_TRANSFER} bytes: the rest is discarded"
         # A block upload has one more frame after the one that completes it.
         if (
@@ -98,218 +115,120 @@ class SdoChannel:
             self._asked_ns = None
         return step
 
-    # -- frames that both sides have -------------------------------------------------------------------------------
-
-    @staticmethod
-    def _abort(data: bytes, from_client: bool) -> Step:
-        index, subindex = _multiplexer(data)
-        return Step("abort", from_client, index, subindex, abort=int.from_bytes(data[4:8], "little"))
-
-    def _block_segment(self, data: bytes, from_client: bool, transfer: _Transfer) -> Step:
-        number = data[0] & 0x7F
-        block = transfer.block if transfer.block is not None else {}
-        block[number] = data[1:]
-        transfer.block = block
-        transfer.last = number if data[0] & 0x80 else transfer.last
-        kind = "block upload segment" if transfer.upload else "block download segment"
-        return Step(kind, from_client, note=f"{number}{', last' if data[0] & 0x80 else ''}")
-
-    @staticmethod
-    def _acknowledge(transfer: _Transfer, acknowledged: int) -> None:
-        """The receiver accepted segments 1..n of the block; the next block repeats the others."""
-        block = transfer.block or {}
-        for number in range(1, acknowledged + 1):
-            _append(transfer, block.get(number, b""))
-        if transfer.last is not None and transfer.last <= acknowledged:
-            transfer.phase = Phase.END
-        transfer.block, transfer.last = None, None
-
-    def _block_end(self, data: bytes, transfer: _Transfer) -> str:
-        """The sender's end frame: unused bytes of the last segment, CRC."""
-        unused = data[0] >> 2 & 7
-        if unused and not transfer.truncated:
-            del transfer.data[-unused:]
-        checksum = int.from_bytes(data[1:3], "little")
-        if self._crc and not transfer.truncated and binascii.crc_hqx(bytes(transfer.data), 0) != checksum:
-            transfer.checked = False
-            return "the CRC does not match the data"
-        return ""
-
-    # -- client to server ------------------------------------------------------------------------------------------
-
-    def _client(self, data: bytes) -> Step:
-        transfer = self._transfer
-        if data[0] == _ABORT:
-            return self._abort(data, True)
-        if transfer is not None and not transfer.upload and transfer.phase is Phase.BLOCK:
-            return self._block_segment(data, True, transfer)
-        command = data[0] >> 5
-        if command == 1:
-            return self._download_request(data)
-        if command == 0:
-            return self._segment(data, True, "download segment")
-        if command == 2:
-            return self._begin(data, "upload request", upload=True)
-        if command == 3:
-            return Step("upload segment request", True)
-        if command == 6:
-            if data[0] & 1:
-                return self._block_download_end(data)
-            self._crc = bool(data[0] & 4)
-            announced = int.from_bytes(data[4:8], "little") if data[0] & 2 else None
-            return self._begin(data, "block download request", upload=False, announced=announced)
-        if command == 5:
-            return self._block_upload_request(data)
-        return Step("unknown command", True, note=f"{data[0]:02X}h")
-
-    def _begin(self, data: bytes, name: str, *, upload: bool, announced: int | None = None) -> Step:
-        index, subindex = _multiplexer(data)
-        self._transfer = _Transfer(index, subindex, upload, bytearray(), announced=announced)
-        return Step(name, True, index, subindex, note="" if announced is None else f"{announced} bytes")
-
-    def _download_request(self, data: bytes) -> Step:
-        value, announced = _initiate(data)
-        step = self._begin(data, "download request", upload=False, announced=announced)
-        if value is not None and self._transfer is not None:
-            self._transfer.data += value
-            self._transfer.ended = True
-            step.value = value
-        return step
-
-    def _block_download_end(self, data: bytes) -> Step:
-        step = Step("block download end", True)
-        transfer = self._transfer
-        if transfer is not None and transfer.phase is Phase.END:
-            step.note = self._block_end(data, transfer)
-            transfer.ended = True
-        return step
-
-    def _block_upload_request(self, data: bytes) -> Step:
-        sub = data[0] & 3
-        transfer = self._transfer
-        if sub == 0:
-            step = self._begin(data, "block upload request", upload=True)
-            self._crc = bool(data[0] & 4)
-            step.note = f"blocks of {data[4]}"
-            return step
-        if sub == 3:
-            if transfer is not None:
-                transfer.phase = Phase.BLOCK
-            return Step("block upload start", True)
-        if sub == 2:
-            if transfer is not None:
-                self._acknowledge(transfer, data[1])
-            return Step("block upload acknowledge", True, note=f"{data[1]} segments")
-        return Step(_BLOCK_UPLOAD_LAST, True)
-
-    # -- server to client ------------------------------------------------------------------------------------------
-
-    def _server(self, data: bytes) -> Step:
-        transfer = self._transfer
-        if data[0] == _ABORT:
-            return self._abort(data, False)
-        if transfer is not None and transfer.upload and transfer.phase is Phase.BLOCK:
-            return self._block_segment(data, False, transfer)
-        command = data[0] >> 5
-        if command == 2:
-            return self._upload_response(data)
-        if command == 0:
-            return self._segment(data, False, "upload segment")
-        if command == 3:
-            return self._confirmed("download response", *_multiplexer(data))
-        if command == 1:
-            return self._confirmed("download segment response")
-        if command == 5:
-            return self._block_download_response(data)
-        if command == 6:
-            return self._block_upload_response(data)
-        return Step("unknown command", False, note=f"{data[0]:02X}h")
-
-    def _upload_response(self, data: bytes) -> Step:
-        index, subindex = _multiplexer(data)
-        transfer = self._transfer
-        if transfer is None or (transfer.index, transfer.subindex) != (index, subindex):
-            # The request was not recorded; the answer is sufficient.
-            transfer = self._transfer = _Transfer(index, subindex, True, bytearray())
-        value, transfer.announced = _initiate(data)
-        note = f"{transfer.announced} bytes" if value is None and transfer.announced is not None else ""
-        return Step("upload response", False, index, subindex, value, note=note)
-
-    def _confirmed(self, name: str, index: int | None = None, subindex: int | None = None) -> Step:
-        step = Step(name, False, index, subindex)
-        transfer = self._transfer
-        same = transfer is not None and (index is None or (transfer.index, transfer.subindex) == (index, subindex))
-        if transfer is not None and same and transfer.ended and not transfer.upload:
-            step.value = bytes(transfer.data)
-        return step
-
-    def _block_download_response(self, data: bytes) -> Step:
-        sub = data[0] & 3
-        transfer = self._transfer
-        if sub == 0:
-            self._crc = self._crc and bool(data[0] & 4)
-            if transfer is not None:
-                transfer.phase = Phase.BLOCK
-            return Step("block download response", False, note=f"blocks of {data[4]}")
-        if sub == 2:
-            if transfer is not None:
-                self._acknowledge(transfer, data[1])
-            return Step("block download acknowledge", False, note=f"{data[1]} segments")
-        return self._confirmed("block download end response")
-
-    def _block_upload_response(self, data: bytes) -> Step:
-        transfer = self._transfer
-        if not data[0] & 1:
-            self._crc = self._crc and bool(data[0] & 4)
-            announced = int.from_bytes(data[4:8], "little") if data[0] & 2 else None
-            if transfer is not None:
-                transfer.announced = announced
-            note = "" if announced is None else f"{announced} bytes"
-            return Step("block upload response", False, *_multiplexer(data), note=note)
-        step = Step(_BLOCK_UPLOAD_END, False)
-        if transfer is not None and transfer.phase is Phase.END:
-            step.note = self._block_end(data, transfer)
-            step.value = bytes(transfer.data) if transfer.checked else None
-        return step
-
-    # -- segments --------------------------------------------------------------------------------------------------
-
-    def _segment(self, data: bytes, from_client: bool, name: str) -> Step:
+    def _describe(self, from_client: bool, data: bytes) -> Step:
+        transfer, command = self._transfer, data[0] & COMMAND
+        if data[0] == ABORT:
+            return _name(Step("abort", from_client, abort=int.from_bytes(data[4:], "little")), data[ADDRESS])
+        if transfer is not None and transfer.upload != from_client and transfer.sink.awaits_block:
+            transfer.sink.segment_of_block(data)
+            last = ", last" if data[0] & LAST_SEGMENT else ""
+            kind = "upload" if transfer.upload else "download"
+            return Step(f"block {kind} segment", from_client, note=f"{data[0] & ~LAST_SEGMENT}{last}")
+        if command == BLOCK_SINK:
+            return self._block_sink(from_client, data)
+        if command == BLOCK_SOURCE:
+            return self._block_source(from_client, data)
+        name = (_CLIENT if from_client else _SERVER).get(command)
+        if name is None:
+            return Step("unknown command", from_client, note=f"{data[0]:02X}h")
         step = Step(name, from_client)
+        if command == SEGMENT:
+            self._segment(step, data)
+        elif command == UPLOAD or (command == DOWNLOAD and from_client):
+            self._first(step, data, upload=command == UPLOAD)
+        elif command == CONFIRM and not from_client:
+            self._confirm(_name(step, data[ADDRESS]), data[ADDRESS])
+        elif command == DOWNLOAD:
+            self._confirm(step)
+        return step
+
+    def _begin(self, step: Step, address: bytes, *, upload: bool) -> Sink:
+        """A transfer begins, unless this frame answers its request. Without a recorded request the answer is sufficient."""
+        _name(step, address)
         transfer = self._transfer
-        if transfer is None or transfer.upload == from_client:
+        if step.from_client or transfer is None or transfer.address != address:
+            transfer = self._transfer = _Transfer(address, upload=upload)
+        return transfer.sink
+
+    def _first(self, step: Step, data: bytes, *, upload: bool) -> None:
+        """The request of an access without blocks, or the answer to that of an upload."""
+        sink = self._begin(step, data[ADDRESS], upload=upload)
+        if upload != step.from_client:
+            sink.first(data)
+            if sink.complete:
+                step.value = bytes(sink.data)
+            elif sink.size is not None:
+                step.note = f"{sink.size} bytes"
+
+    def _segment(self, step: Step, data: bytes) -> None:
+        transfer = self._transfer
+        if transfer is None or transfer.upload == step.from_client:
             step.note = "start of the transfer missing"
+            return
+        sink = transfer.sink
+        try:
+            sink.segment(data)
+        except SdoAbortedError as error:
+            step.note = _NOTES[Abort(error.code)]
+            return
+        if sink.complete:
+            if sink.size is not None and sink.size != len(sink.data):
+                step.note = f"{len(sink.data)} bytes received, {sink.size} announced"
+            if transfer.upload:
+                step.value = bytes(sink.data)
+
+    def _confirm(self, step: Step, address: bytes = b"") -> None:
+        """The server confirms a part of a download, or all of it. Only some of these frames name the object."""
+        transfer = self._transfer
+        if (
+            transfer is not None
+            and not transfer.upload
+            and address in (b"", transfer.address)
+            and transfer.sink.complete
+        ):
+            step.value = bytes(transfer.sink.data)
+
+    def _block_sink(self, from_client: bool, data: bytes) -> Step:
+        """A frame of the side that receives blocks."""
+        upload, part = from_client, data[0] & BLOCK_STEP
+        begin = "request" if from_client else "response"
+        step = Step(f"block {'upload' if upload else 'download'} {_BLOCK_STEPS.get(part, begin)}", from_client)
+        if not part:
+            sink = self._begin(step, data[ADDRESS], upload=upload)
+            sink.crc = sink.crc and data[0] & CRC != 0
+            sink.in_blocks = not upload
+            step.note = f"blocks of {data[4]}"
+        elif part == ACKNOWLEDGE:
+            step.note = f"{data[1]} segments"
+            if self._transfer is not None:
+                self._transfer.sink.accept(data[1])
+        elif part == START and self._transfer is not None:
+            self._transfer.sink.in_blocks = True
+        elif part == END and not from_client:
+            self._confirm(step)
+        return step
+
+    def _block_source(self, from_client: bool, data: bytes) -> Step:
+        """A frame of the side that sends blocks, other than a segment."""
+        upload, kind = not from_client, "download" if from_client else "upload"
+        if not data[0] & END:
+            step = Step(f"block {kind} {'request' if from_client else 'response'}", from_client)
+            sink = self._begin(step, data[ADDRESS], upload=upload)
+            sink.first_of_blocks(data)
+            step.note = "" if sink.size is None else f"{sink.size} bytes"
             return step
-        toggle = data[0] >> 4 & 1
-        if toggle != transfer.toggle:
-            step.note = "toggle bit not alternated"
-            return step
-        transfer.toggle ^= 1
-        _append(transfer, data[1 : FRAME_SIZE - (data[0] >> 1 & 7)])
-        if data[0] & 1:
-            transfer.ended = True
-            if transfer.announced is not None and transfer.announced != len(transfer.data):
-                step.note = f"{len(transfer.data)} bytes received, {transfer.announced} announced"
-            if not from_client:
-                step.value = bytes(transfer.data)
+        step, transfer = Step(f"block {kind} end", from_client), self._transfer
+        if transfer is not None and transfer.sink.ending:
+            try:
+                transfer.sink.end(data)
+            except SdoAbortedError as error:
+                step.note = _NOTES[Abort(error.code)]
+            else:
+                step.value = bytes(transfer.sink.data) if upload else None
         return step
 
 
-def _append(transfer: _Transfer, part: bytes) -> None:
-    if len(transfer.data) + len(part) > MAX_TRANSFER:
-        transfer.truncated = True
-    else:
-        transfer.data += part
-
-
-def _multiplexer(data: bytes) -> tuple[int, int]:
-    return int.from_bytes(data[1:3], "little"), data[3]
-
-
-def _initiate(data: bytes) -> tuple[bytes | None, int | None]:
-    """Expedited value or announced size of an initiate frame."""
-    expedited, size_given = data[0] & 2, data[0] & 1
-    if expedited:
-        unused = data[0] >> 2 & 3 if size_given else 0
-        return data[4 : FRAME_SIZE - unused], None
-    return None, int.from_bytes(data[4:8], "little") if size_given else None
+def _name(step: Step, address: bytes) -> Step:
+    """Enter the object of a frame."""
+    step.index, step.subindex = int.from_bytes(address[:2], "little"), address[2]
+    return step
