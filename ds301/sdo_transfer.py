@@ -73,6 +73,11 @@ def address_of(index: int, subindex: int) -> bytes:
     return bytes((index & 0xFF, index >> 8, subindex))
 
 
+def object_of(address: bytes) -> tuple[int, int]:
+    """Index and sub-index of an address."""
+    return int.from_bytes(address[:2], "little"), address[2]
+
+
 def _frame(head: int, content: bytes = b"") -> bytes:
     return bytes((head,)) + content.ljust(SEGMENT_SIZE, b"\0")
 
@@ -91,7 +96,7 @@ class Source:
         self._in_block = 0
         """Segments of the last block."""
         self.block_size = 0
-        """Segments of the next block, as the other side requests."""
+        """Segments of the first block of an upload."""
         self.toggle = 0
         self.crc = False
         """Both sides support the checksum of a block transfer."""
@@ -99,16 +104,16 @@ class Source:
         """The last segment was sent, or the end of the blocks is confirmed."""
 
     def first(self, command: int, address: bytes) -> bytes:
-        """The frame that begins a transfer: with the data if they are 1 to 4 bytes."""
+        """The frame that begins the transfer: with the data if they are 1 to 4 bytes and not sent in blocks."""
         size = len(self._data)
-        if 1 <= size <= EXPEDITED_SIZE:
+        if command == BLOCK_SOURCE:
+            command |= CRC | _BLOCK_SIZE
+        elif 1 <= size <= EXPEDITED_SIZE:
             self.complete = True
             return _frame(command | EXPEDITED | _SIZE | (EXPEDITED_SIZE - size) << 2, address + self._data)
-        return _frame(command | _SIZE, address + size.to_bytes(4, "little"))
-
-    def first_of_blocks(self, address: bytes) -> bytes:
-        """The frame that begins a block transfer."""
-        return _frame(BLOCK_SOURCE | CRC | _BLOCK_SIZE, address + len(self._data).to_bytes(4, "little"))
+        else:
+            command |= _SIZE
+        return _frame(command, address + size.to_bytes(4, "little"))
 
     def segment(self) -> bytes:
         """The next segment."""
@@ -119,17 +124,13 @@ class Source:
         self.toggle ^= _TOGGLE
         return frame
 
-    def resize(self, block_size: int) -> None:
-        """The other side requests blocks of this number of segments."""
-        if not 1 <= block_size <= BLOCK_LIMIT:
+    def block(self, size: int) -> list[bytes]:
+        """The segments of the next block, of which the other side requests ``size``."""
+        if not 1 <= size <= BLOCK_LIMIT:
             raise SdoAbortedError(Abort.INVALID_BLOCK_SIZE)
-        self.block_size = block_size
-
-    def block(self) -> list[bytes]:
-        """The segments of the next block."""
         rest = self._data[self._offset :]
         count = max(1, -(-len(rest) // SEGMENT_SIZE))
-        self._in_block = min(self.block_size, count)
+        self._in_block = min(size, count)
         return [
             _frame(
                 number | (LAST_SEGMENT if number == count else 0), rest[SEGMENT_SIZE * (number - 1) :][:SEGMENT_SIZE]
@@ -141,7 +142,7 @@ class Source:
         """The frames after one of the side that receives blocks."""
         step = frame[0] & BLOCK_STEP
         if step == START:
-            return self.block()
+            return self.block(self.block_size)
         if step == END:
             self.complete = True
             return []
@@ -152,8 +153,7 @@ class Source:
         self._offset += SEGMENT_SIZE * frame[1]
         size = len(self._data)
         if not self._offset or self._offset < size:
-            self.resize(frame[2])
-            return self.block()
+            return self.block(frame[2])
         checksum = crc_hqx(self._data, 0) if self.crc else 0
         return [_frame(BLOCK_SOURCE | END | (self._offset - size) << 2, checksum.to_bytes(2, "little"))]
 
@@ -187,18 +187,15 @@ class Sink:
         return self.in_blocks and not self.ending
 
     def first(self, frame: bytes) -> None:
-        """The frame that begins the transfer, with the data if it is expedited."""
-        head = frame[0]
-        if head & EXPEDITED:
+        """The frame of the source that begins the transfer, with the data if it is expedited."""
+        head, size_bit = frame[0], _SIZE
+        if head & COMMAND == BLOCK_SOURCE:
+            self.crc, size_bit = self.crc and head & CRC != 0, _BLOCK_SIZE
+        elif head & EXPEDITED:
             self.data += frame[4 : FRAME_SIZE - (head >> 2 & 3 if head & _SIZE else 0)]
             self.complete = True
-        elif head & _SIZE:
-            self.size = int.from_bytes(frame[4:], "little")
-
-    def first_of_blocks(self, frame: bytes) -> None:
-        """The frame of the source that begins a block transfer."""
-        self.crc = self.crc and frame[0] & CRC != 0
-        if frame[0] & _BLOCK_SIZE:
+            return
+        if head & size_bit:
             self.size = int.from_bytes(frame[4:], "little")
 
     def segment(self, frame: bytes) -> None:
@@ -264,7 +261,7 @@ class Transfer(abc.ABC):
     def __init__(self, index: int, subindex: int, request: bytes, timeout_ns: int, limit_ns: int = _NEVER) -> None:
         self.index = index
         self.subindex = subindex
-        self.address = address_of(index, subindex)
+        self.address = request[ADDRESS]
         self.request = request
         self._timeout_ns = timeout_ns
         """For each answer of the server."""
@@ -362,7 +359,7 @@ class Upload(Transfer):
             self._repeated = False
             frames = sink.confirm(frame)
         elif command == BLOCK_SOURCE and not self._begun and self.request[0] != UPLOAD:
-            sink.first_of_blocks(frame)
+            sink.first(frame)
             sink.in_blocks = True
             return [_frame(BLOCK_SINK | START)]
         elif command != (SEGMENT if self._begun else UPLOAD):
@@ -383,8 +380,7 @@ class Download(Transfer):
     def __init__(self, index: int, subindex: int, data: bytes, timeout_ns: int, *, by_blocks: bool = False) -> None:
         self._source = Source(data)
         self._by_blocks = by_blocks
-        address = address_of(index, subindex)
-        request = self._source.first_of_blocks(address) if by_blocks else self._source.first(DOWNLOAD, address)
+        request = self._source.first(BLOCK_SOURCE if by_blocks else DOWNLOAD, address_of(index, subindex))
         super().__init__(index, subindex, request, timeout_ns)
 
     def _continue(self, frame: bytes) -> list[bytes] | None:
@@ -398,8 +394,7 @@ class Download(Transfer):
             return frames
         if self._by_blocks:
             source.crc = frame[0] & CRC != 0
-            source.resize(frame[4])
-            return source.block()
+            return source.block(frame[4])
         if self._begun and frame[0] & _TOGGLE == source.toggle:
             raise SdoAbortedError(Abort.TOGGLE_NOT_ALTERNATED)
         self.ended = source.complete
@@ -464,31 +459,28 @@ class SdoServer:
 
     def _begin_upload(self, frame: bytes) -> bytes:
         self._address = address = frame[ADDRESS]
-        data = self._objects.get_data(int.from_bytes(address[:2], "little"), address[2], check_readable=True)
+        data = self._objects.get_data(*object_of(address), check_readable=True)
         if not data:
             raise SdoAbortedError(Abort.NO_DATA)
         source = Source(data)
         self._source, self._sink = source, None
         if frame[0] & COMMAND == UPLOAD:
             return source.first(UPLOAD, address)
-        source.crc = frame[0] & CRC != 0
-        source.resize(frame[4])
-        return source.first_of_blocks(address)
+        source.crc, source.block_size = frame[0] & CRC != 0, frame[4]
+        return source.first(BLOCK_SOURCE, address)
 
     def _begin_download(self, frame: bytes) -> bytes:
         self._address = address = frame[ADDRESS]
         sink = Sink()
         self._source, self._sink = None, sink
+        sink.first(frame)
         if frame[0] & COMMAND == DOWNLOAD:
-            sink.first(frame)
             self._store(sink)
             return _frame(CONFIRM, address)
-        sink.first_of_blocks(frame)
         sink.in_blocks = True
         return _frame(BLOCK_SINK | CRC, address + bytes((BLOCK_LIMIT,)))
 
     def _store(self, sink: Sink) -> None:
         if sink.complete:
             self._sink = None
-            index, subindex = int.from_bytes(self._address[:2], "little"), self._address[2]
-            self._objects.set_data(index, subindex, bytes(sink.data), check_writable=True)
+            self._objects.set_data(*object_of(self._address), bytes(sink.data), check_writable=True)

@@ -343,7 +343,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 self._refuse(f"aborted the configuration: {error}")
             except CanopenError as error:
                 self._refuse(str(error))
-            except (struct.error, ValueError) as error:  # canopen unpacks SDO answers without checks
+            except (struct.error, ValueError) as error:  # of another length than expected
                 self._refuse(f"node {self.settings.node_id} sent an SDO answer that cannot be decoded ({error})")
             else:
                 # The layout has changed or the node has restarted during the bring-up: repeat it.

@@ -82,7 +82,7 @@ class SdoAccess:
         self._open = 0
         """Requests that were sent again: so many answers may still arrive,"""
         self._open_until = 0
-        """until this time."""
+        """until this time. The next access waits for them, or for the answer to a question."""
         self._unconfirmed: dict[tuple[int, int], bytes] = {}
         """Data of writes that timed out, by their object: the confirmation may still arrive."""
 
@@ -207,14 +207,9 @@ class SdoAccess:
         """
         if self.second_answers.found:
             raise self.two_devices("SDO requests are answered twice")
-        transfer, loop = self._transfer, self.loop
-        while True:
-            is_open = transfer is not None and not transfer.ended
-            until = transfer.due if transfer is not None and is_open else self._open_until if self._open else 0
-            if until <= loop.now():
-                break
+        while (left := self._open_until - self.loop.now()) > 0:
             self._ended.clear()
-            self._ended.wait(until - loop.now())
+            self._ended.wait(left)
         self._open = 0
         self.accesses += 1
 
@@ -229,7 +224,7 @@ class SdoAccess:
                 repeats -= 1
                 again = now + self._timeout // _REPEAT_AFTER
                 self._expect_answer()
-                self._request(transfer, first=first)
+                self._send([transfer.request], first=first)
             self._send(transfer.check(now))
             if not transfer.ended:
                 self._ended.clear()
@@ -237,7 +232,7 @@ class SdoAccess:
         if transfer.code is not None:
             raise SdoAbortedError(transfer.code, self._where(transfer))
         if transfer.failure:
-            self._open = 0
+            self._open_until = 0
             raise SdoCommunicationError(self._where(transfer) + transfer.failure)
 
     # -- frames -----------------------------------------------------------------------------------------------------
@@ -245,18 +240,13 @@ class SdoAccess:
     def _begin(self, transfer: Transfer, *, first: bool = False) -> None:
         self._transfer, self._then, self.answers_late = transfer, None, False
         transfer.begin(self.loop.now())
-        self._request(transfer, first=first)
+        self._send([transfer.request], first=first)
 
-    def _request(self, transfer: Transfer, *, first: bool) -> None:
-        self.second_answers.requested(transfer.request)
-        if first:
-            self._network.send_first(SDO_REQUEST + self._node_id, transfer.request)
-        else:
-            self._send([transfer.request])
-
-    def _send(self, frames: list[bytes]) -> None:
+    def _send(self, frames: list[bytes], *, first: bool = False) -> None:
+        send = self._network.send_first if first else self._network.send_acyclic
         for frame in frames:
-            self._network.send_acyclic(SDO_REQUEST + self._node_id, frame)
+            self.second_answers.requested(frame)
+            send(SDO_REQUEST + self._node_id, frame)
 
     def _receive(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
         """A frame of the node."""
@@ -268,18 +258,27 @@ class SdoAccess:
             return
         if transfer.ended:
             self.answers_late = self.answers_late or frame[ADDRESS] == transfer.address
-            self._open = max(0, self._open - 1)
-        else:
-            self._send(transfer.take(frame, self.loop.now()))
-            if transfer.ended and self._then is not None:
-                self._then()
+            self._has_answered()
+            return
+        self._send(transfer.take(frame, self.loop.now()))
         if transfer.ended:
+            self._ended.set()
+            if self._then is not None:
+                self._has_answered()
+                self._then()
+
+    def _has_answered(self) -> None:
+        """An answer has arrived for which the next access waits."""
+        self._open = max(0, self._open - 1)
+        if not self._open:
+            self._open_until = 0
             self._ended.set()
 
     def ask(self, index: int, subindex: int, then: Callable[[Upload], None]) -> None:
         """Request an object without waiting, while no task has an access. ``then`` is called with the answer."""
         upload = Upload(index, subindex, self._timeout)
         self._begin(upload)
+        self._expect_answer()
         self._then = lambda: then(upload)
 
     @property

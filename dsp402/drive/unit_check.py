@@ -64,7 +64,7 @@ class UnitCheck:
             return
         if self._position is not None:
             watch.position_missing = True
-        if watch.is_next(now) and (following := watch.next_object(now)) is not None:
+        if (following := watch.next_object(now)) is not None:
             self._sdo.ask(*following, self._answered)
 
     def _answered(self, upload: Upload) -> None:

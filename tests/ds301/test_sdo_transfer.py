@@ -176,7 +176,7 @@ def test_abort_of_the_server_ends_an_access(by_blocks: bool) -> None:
         ([b"\x00abc"], Abort.INVALID_COMMAND),
         ([b"\xa3"], Abort.INVALID_COMMAND),
         ([b"\xe0"], Abort.INVALID_COMMAND),
-        ([b"\xa4" + ADDRESS], Abort.INVALID_BLOCK_SIZE),
+        ([b"\xa4" + ADDRESS, b"\xa3"], Abort.INVALID_BLOCK_SIZE),
         ([b"\xa4" + ADDRESS + b"\x04", b"\xa3", b"\xa2\x09\x04"], Abort.INVALID_SEQUENCE_NUMBER),
         ([b"\xa4" + ADDRESS + b"\x04", b"\xa3", b"\xa2\x01\x00"], Abort.INVALID_BLOCK_SIZE),
         ([b"\x40" + ADDRESS, b"\x70"], Abort.TOGGLE_NOT_ALTERNATED),

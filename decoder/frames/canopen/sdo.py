@@ -29,6 +29,7 @@ from pdgw.ds301.sdo_transfer import (
     UPLOAD,
     SdoAbortedError,
     Sink,
+    object_of,
 )
 
 MAX_TRANSFER: Final = 1 << 20
@@ -214,7 +215,7 @@ class SdoChannel:
         if not data[0] & END:
             step = Step(f"block {kind} {'request' if from_client else 'response'}", from_client)
             sink = self._begin(step, data[ADDRESS], upload=upload)
-            sink.first_of_blocks(data)
+            sink.first(data)
             step.note = "" if sink.size is None else f"{sink.size} bytes"
             return step
         step, transfer = Step(f"block {kind} end", from_client), self._transfer
@@ -230,5 +231,5 @@ class SdoChannel:
 
 def _name(step: Step, address: bytes) -> Step:
     """Enter the object of a frame."""
-    step.index, step.subindex = int.from_bytes(address[:2], "little"), address[2]
+    step.index, step.subindex = object_of(address)
     return step
