@@ -14,7 +14,6 @@ import abc
 import contextlib
 import heapq
 import logging
-import queue
 import socket
 import time
 import traceback
@@ -329,7 +328,7 @@ class Event:
 
 
 class Mailbox(Generic[T]):
-    """A queue between the loop and a task, with the part of ``queue.Queue`` that canopen's SDO client uses."""
+    """A queue between the loop and a task."""
 
     def __init__(self, loop: Loop, limit: int = 64) -> None:
         self._items: deque[T] = deque(maxlen=limit)
@@ -343,20 +342,12 @@ class Mailbox(Generic[T]):
         self._filled.set()
         return full
 
-    def get(self, block: bool = True, timeout: float | None = None) -> T:
-        """The oldest item; ``queue.Empty`` when there is none within ``timeout`` seconds. Inside a task."""
-        if not self._items and block:
-            self._filled.clear()
-            self._filled.wait(None if timeout is None else int(timeout * SECOND))
+    def get(self) -> T:
+        """The oldest item; waits for one, inside a task."""
         if not self._items:
-            raise queue.Empty
+            self._filled.clear()
+            self._filled.wait()
         return self._items.popleft()
-
-    def empty(self) -> bool:
-        return not self._items
-
-    def clear(self) -> None:
-        self._items.clear()
 
 
 MACHINE_CLOCK: Final[Callable[[], int]] = (
