@@ -70,8 +70,8 @@ COMPILED = (
     "profinet/device.py",
     "profinet/ethernet.py",
 )
-"""Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's
-(``ds301/bus/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
+"""Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's,
+an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
 a default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
 SOAK = (
     "gateway/sync.py",

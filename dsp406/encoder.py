@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import canopen
 
@@ -215,9 +215,9 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def _emcy_text(self, code: int) -> str:
         return ENCODER_EMCY.get(code) or emcy_text(code)
 
-    def _on_emcy(self, can_id: int, data: Any, timestamp: float) -> None:
+    def _on_emcy(self, data: bytes, now: int) -> None:
         if len(data) >= SHORTEST_EMCY:
             self.feedback.error_code = int.from_bytes(data[:2], "little")
             self.feedback.error_register = data[2]
         self._diagnose = True
-        super()._on_emcy(can_id, data, timestamp)
+        super()._on_emcy(data, now)

@@ -59,7 +59,7 @@ def watch_for_writes(
 
     segment: int | None = None  # the newest one of a block download; None: the last request was another one
 
-    def request(_can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
+    def request(data: bytes, _now: int) -> None:
         nonlocal segment
         if len(data) <= _SUBINDEX:
             return
@@ -75,4 +75,4 @@ def watch_for_writes(
             if relies_on(index, subindex):
                 on_write(f"another tool writes {index:04X}h/{subindex}")
 
-    network.canopen.subscribe(SDO_REQUEST + node_id, request)
+    network.subscribe(SDO_REQUEST + node_id, request)

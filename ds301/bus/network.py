@@ -1,14 +1,13 @@
-"""One CAN bus: a port, the PDO fast path and canopen's acyclic services on it.
+"""One CAN bus: a port, and the receivers of its frames.
 
-Every frame is taken once, in the loop: COB-IDs with a PDO subscription go straight to their owner, everything else to canopen's
-network (NMT, SDO, EMCY, heartbeat). Sending never waits: a frame goes out at once while the interface has room; otherwise its
+Every frame is taken once, in the loop: COB-IDs with a PDO subscription go straight to their owner, all others (SDO, EMCY,
+heartbeat) to their subscribers. Sending never waits: a frame goes out at once while the interface has room; otherwise its
 sender waits in the send queue. A port that is lost is opened again with a growing pause.
 """
 
 from __future__ import annotations
 
 import logging
-import struct
 from collections import deque
 from collections.abc import Callable
 from typing import Final
@@ -16,7 +15,6 @@ from typing import Final
 import can
 
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
-from pdgw.ds301.bus.on_canopen import AcyclicNetwork
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
@@ -69,7 +67,6 @@ class CanNetwork(Receiver):
         self.name = name
         self._log_fields = {"event": "bus", "bus": name}
         """For who collects the log."""
-        self.canopen = AcyclicNetwork(self.send_acyclic)
         self.bring_ups = Turns(loop, _BRING_UPS)
         """Nodes that are configured at a time."""
         self._sdo_gap = 0
@@ -85,7 +82,6 @@ class CanNetwork(Receiver):
         self.lost = 0
         self.bus_off = 0
         self.error_passive = 0
-        self.malformed = 0
         self.healthy = True
         """False from a bus-off or a lost interface until a frame passes again."""
         self.listeners: list[FrameListener] = []
@@ -102,6 +98,9 @@ class CanNetwork(Receiver):
         """SDO requests and SYNC."""
         self._refused_at = 0
         self._pdos: dict[int, PdoCallback] = {}
+        self._subscribers: dict[int, list[PdoCallback]] = {}
+        self.nodes_seen: set[int] = set()
+        """Node-IDs that have sent a heartbeat or a boot-up message."""
         self._nodes_of_pdos: dict[int, int] = {}
         """Node-ID by the COB-ID of a PDO."""
         self._watchers: list[Callable[[int], None]] = []
@@ -143,7 +142,6 @@ class CanNetwork(Receiver):
         add(part, "error_frames", "messages", "error frames of the CAN controller", lambda: self.error_frames)
         add(part, "error_passive", "messages", "the CAN controller became error-passive", lambda: self.error_passive)
         add(part, "bus_off", "messages", "the CAN controller went bus-off", lambda: self.bus_off)
-        add(part, "malformed", "frames", "NMT, SDO or EMCY frames that could not be decoded", lambda: self.malformed)
         add(part, "lost", "times", "interface lost; the gateway opens it again", lambda: self.lost)
 
     def start(self) -> None:
@@ -170,6 +168,18 @@ class CanNetwork(Receiver):
     def unsubscribe_pdo(self, cob_id: int) -> None:
         """End a subscription; a missing one is not an error."""
         self._pdos.pop(cob_id, None)
+
+    def subscribe(self, cob_id: int, callback: PdoCallback) -> None:
+        """Also call ``callback`` with the frames of this COB-ID, unless a PDO has it."""
+        self._subscribers.setdefault(cob_id, []).append(callback)
+
+    def unsubscribe(self, cob_id: int, callback: PdoCallback) -> None:
+        """The end of ``subscribe``."""
+        self._subscribers[cob_id].remove(callback)
+
+    def is_subscribed(self, cob_id: int) -> bool:
+        """Whether the frames of this COB-ID have a receiver, other than of a PDO."""
+        return bool(self._subscribers.get(cob_id))
 
     def claim(self, cob_id: int, what: str) -> None:
         """Only the gateway sends this COB-ID: a frame with it is of another master. ``what``: its name for the message."""
@@ -354,11 +364,10 @@ class CanNetwork(Receiver):
         if callback is not None:
             callback(data, now)
             return
-        try:
-            self.canopen.notify(can_id, bytearray(data), self.loop.wall())
-        except (struct.error, LookupError, ValueError):
-            # canopen unpacks without checks: a bad frame of one node must not end the reception of all.
-            self.malformed += 1
+        if can_id > ERROR_CONTROL and can_id & _FUNCTION == ERROR_CONTROL:
+            self.nodes_seen.add(can_id - ERROR_CONTROL)
+        for receive in self._subscribers.get(can_id, ()):
+            receive(data, now)
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
         """A frame outside CANopen, or a request to another node."""

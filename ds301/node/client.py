@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from typing import Any, ClassVar, Final, Generic, Self, TypeVar
+from typing import ClassVar, Final, Generic, Self, TypeVar
 
 import canopen
 
@@ -218,7 +218,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def start(self) -> None:
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
         node_id = self.settings.node_id
-        network = self.network.canopen
+        network = self.network
         self.sdo.open()
         network.subscribe(EMCY + node_id, self._on_emcy)
         network.subscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
@@ -249,7 +249,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._jobs.fail(self._not_online)
         self._unsubscribe_pdos()
         self.network.require_sync(self.settings.node_id, required=False)
-        network, node_id = self.network.canopen, self.settings.node_id
+        network, node_id = self.network, self.settings.node_id
         if self._task is not None:
             self._task = None
             self.sdo.close()
@@ -445,7 +445,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _find_emcy(self) -> None:
         """Also take the EMCY from the COB-ID in 1014h, unless other frames have it."""
-        cob_id, network = 0, self.network.canopen
+        cob_id, network = 0, self.network
         if self.settings.eds is None or EMCY_COB_ID in self.sdo.dictionary:
             with suppress(SdoAbortedError):
                 cob_id = self.sdo.read_number(EMCY_COB_ID)
@@ -453,7 +453,7 @@ class NodeClient(abc.ABC, Generic[S]):
             return
         if self._moved_emcy:
             network.unsubscribe(self._moved_emcy, self._on_emcy)
-        moved = EMCY < cob_id <= STANDARD_ID and cob_id not in network.subscribers
+        moved = EMCY < cob_id <= STANDARD_ID and not network.is_subscribed(cob_id)
         self._moved_emcy = cob_id if moved else 0
         if moved:
             network.subscribe(cob_id, self._on_emcy)
@@ -716,7 +716,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 
-    def _on_heartbeat(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
+    def _on_heartbeat(self, data: bytes, now: int) -> None:
         if not data or data[0] & HEARTBEAT_STATE not in NMT_STATES:
             return
         if self._guarded_by_requests:
@@ -724,7 +724,7 @@ class NodeClient(abc.ABC, Generic[S]):
             self._toggle = -1 if data[0] == NmtState.BOOT_UP else toggle
             if toggle == before:
                 return  # a repeated answer is not a new one
-        self._heartbeat = self.loop.now()
+        self._heartbeat = now
         if self._heartbeat_rate is not None:
             self._heartbeat_rate.see(self._heartbeat)
         self._heartbeat_state = data[0] & HEARTBEAT_STATE
@@ -734,12 +734,12 @@ class NodeClient(abc.ABC, Generic[S]):
             if self.status is NodeStatus.ONLINE:
                 self.on_event(NodeEvent("boot", "boot-up message", time_ns=self._heartbeat))
 
-    def _on_other_request(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
+    def _on_other_request(self, data: bytes, _now: int) -> None:
         self.sdo.second_answers.requested(data)
 
-    def _on_emcy(self, _can_id: int, data: Any, _timestamp: float) -> None:
+    def _on_emcy(self, data: bytes, now: int) -> None:
         if len(data) < SHORTEST_EMCY:
             return
         code = int.from_bytes(data[:2], "little")
         text = f"EMCY {code:04X}h {self._emcy_text(code)}"
-        self.on_event(NodeEvent("emcy", text, code, data[2], bytes(data[3:]), self.loop.now()))
+        self.on_event(NodeEvent("emcy", text, code, data[2], data[3:], now))

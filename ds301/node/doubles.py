@@ -40,20 +40,20 @@ class SecondAnswers:
         self._open.clear()
         self._recent.clear()
 
-    def requested(self, request: bytes | bytearray) -> None:
+    def requested(self, request: bytes) -> None:
         """A frame of a client to the node. Segments name no object and are ignored."""
         if not request or (request[0] & COMMAND not in _REQUESTS and request[0] & _BLOCK_COMMAND not in _BLOCKS):
             return
         if len(self._open) > _OBJECTS:
             self._open.clear()
-        address = bytes(request[ADDRESS])
+        address = request[ADDRESS]
         self._open[address] = self._open.get(address, 0) + 1
 
-    def answered(self, answer: bytes | bytearray) -> None:
+    def answered(self, answer: bytes) -> None:
         """A frame of the node. An abort may also end a transfer whose first frame was answered: it is never a second answer."""
         if not answer or (answer[0] != ABORT and answer[0] & COMMAND not in _RESPONSES):
             return
-        address = bytes(answer[ADDRESS])
+        address = answer[ADDRESS]
         count = self._open.get(address)
         if count:
             self._open[address] = count - 1

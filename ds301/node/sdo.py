@@ -88,11 +88,11 @@ class SdoAccess:
 
     def open(self) -> None:
         """Receive the answers of the node."""
-        self._network.canopen.subscribe(SDO_RESPONSE + self._node_id, self._receive)
+        self._network.subscribe(SDO_RESPONSE + self._node_id, self._receive)
 
     def close(self) -> None:
         """The end of ``open``."""
-        self._network.canopen.unsubscribe(SDO_RESPONSE + self._node_id, self._receive)
+        self._network.unsubscribe(SDO_RESPONSE + self._node_id, self._receive)
 
     def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
         """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
@@ -248,9 +248,9 @@ class SdoAccess:
             self.second_answers.requested(frame)
             send(SDO_REQUEST + self._node_id, frame)
 
-    def _receive(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
+    def _receive(self, frame: bytes, now: int) -> None:
         """A frame of the node."""
-        frame, transfer = bytes(data), self._transfer
+        transfer = self._transfer
         if frame and frame[0] == ABORT:
             self.aborts += 1
         self.second_answers.answered(frame)
@@ -260,7 +260,7 @@ class SdoAccess:
             self.answers_late = self.answers_late or frame[ADDRESS] == transfer.address
             self._has_answered()
             return
-        self._send(transfer.take(frame, self.loop.now()))
+        self._send(transfer.take(frame, now))
         if transfer.ended:
             self._ended.set()
             if self._then is not None:

@@ -245,9 +245,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
                 "healthy": daemon.networks[bus.name].healthy,
-                "unconfigured": sorted(
-                    set(daemon.networks[bus.name].canopen.scanner.nodes) - _node_ids(daemon, bus.name)
-                ),
+                "unconfigured": sorted(daemon.networks[bus.name].nodes_seen - _node_ids(daemon, bus.name)),
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
             for bus in config.can

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import can
 import pytest
@@ -77,7 +78,7 @@ def test_a_subscribed_pdo_goes_to_its_owner_and_nothing_else_does(bus: ScriptedB
     others: list[int] = []
     network.subscribe_pdo(PDO, lambda data, now: pdos.append(data))
     for can_id in (PDO, 0x704):
-        network.canopen.subscribe(can_id, lambda can_id, _data, _time: others.append(can_id))
+        network.subscribe(can_id, partial(lambda can_id, _data, _now: others.append(can_id), can_id))
     bus.incoming.put(frame(PDO, b"\x01\x02"))
     bus.incoming.put(frame(0x704, b"\x05"))
     flush(bus, network)
@@ -98,30 +99,9 @@ def test_extended_and_remote_frames_are_not_mistaken_for_pdos(bus: ScriptedBus, 
     assert pdos == []
 
 
-@pytest.mark.parametrize(("can_id", "data"), [(0x84, b"\x01"), (0x704, b""), (0x84, b"")])
-def test_malformed_frame_is_counted_and_reception_continues(
-    bus: ScriptedBus, network: CanNetwork, can_id: int, data: bytes
-) -> None:
-    network.canopen.add_node(4)
-    bus.incoming.put(frame(can_id, data))
-    flush(bus, network)
-    assert network.malformed == 1
-
-
-def test_unknown_nmt_state_of_a_node_ends_no_reception() -> None:
-    """canopen reports the old state after another master commands another one."""
-    network = CanNetwork(VirtualLoop(), PlainPort)
-    network.canopen.add_node(4)
-    network.on_frame(0x704, b"\x2e")
-    network.on_frame(0x000, b"\x80\x00")
-    assert network.malformed == 1
-    assert network.received == 2
-
-
 @given(can_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
 def test_no_frame_ends_the_reception(can_id: int, data: bytes) -> None:
     network = CanNetwork(VirtualLoop(), PlainPort)
-    network.canopen.add_node(4)
     network.on_frame(can_id, data)
     assert network.received == 1
 
@@ -351,13 +331,6 @@ def test_a_listener_sees_both_directions(bus: ScriptedBus, network: CanNetwork) 
     assert seen[:3] == [(0x80, False), (0x77F, False), (PDO, True)]
     buses.wait_for(lambda: len(bus.taken) == 2, "sent")
     assert [bytes(m.data) for m in bus.taken] == [b"", b"\x05"]
-
-
-def test_frames_of_canopen_use_the_same_queue(bus: ScriptedBus, network: CanNetwork) -> None:
-    network.canopen.nmt.send_command(1)
-    buses.wait_for(lambda: bus.taken, "sent")
-    assert [(m.arbitration_id, bytes(m.data)) for m in bus.taken] == [(0, b"\x01\x00")]
-    assert network.sent == 1
 
 
 # The interfaces whose opening neither needs the kernel's multicast nor succeeds anywhere.
