@@ -80,7 +80,7 @@ class SdoAccess:
         self._ended = Event(self.loop)
         """It has ended, or the last late answer has arrived."""
         self._open = 0
-        """Requests that were sent again: so many answers may still arrive,"""
+        """Requests that were sent again and not answered: their answers may still arrive,"""
         self._open_until = 0
         """until this time. The next access waits for them, or for the answer to a question."""
         self._unconfirmed: dict[tuple[int, int], bytes] = {}

@@ -436,8 +436,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _send_question(self, now: int) -> None:
         """Of the unit check."""
-        if self.units.watch.is_due(now, operates=self._operates, moves=self._moves):
-            self.units.check(now)
+        self.units.check(now, operates=self._operates, moves=self._moves)
 
     def _lost(self, now: int) -> str:
         return super()._lost(now) or self._mode.wrong or self._tpdos.dropped

@@ -57,10 +57,10 @@ class UnitCheck:
         """When the newest position came, monotonic nanoseconds; 0 never."""
         return self.watch.read_ns if self._position is None else self._position.time
 
-    def check(self, now: int) -> None:
-        """Send the next request when it is due, while the task has no access."""
+    def check(self, now: int, *, operates: bool, moves: bool) -> None:
+        """Send the next request when it is due, while the task has no access. See ``UnitWatch.is_due``."""
         watch = self.watch
-        if watch.asked is not None and not watch.has_timed_out(now):
+        if not watch.is_due(now, operates=operates, moves=moves):
             return
         if self._position is not None:
             watch.position_missing = True

@@ -62,15 +62,9 @@ class UnitWatch:
 
     def is_due(self, now: int, *, operates: bool, moves: bool) -> bool:
         """Whether something has to be read. ``operates``: the drive is commanded to be in operation, ``moves``: also to move."""
-        if not moves:
-            self._begun = 0
-            return operates and self.is_next(now)
-        self._begun = self._begun or now
-        return self.is_next(now)
-
-    def is_next(self, now: int) -> bool:
-        """Whether an answer is awaited or the next request is due."""
-        return self.asked is not None or now >= self._due
+        self._begun = (self._begun or now) if moves else 0
+        due = self._due if self.asked is None else self.asked_ns + _PATIENCE_NS
+        return (moves or operates) and now >= due
 
     def next_object(self, now: int) -> ObjectAddress | None:
         """The object whose turn it is, position and units in turns; None for a drive that has neither."""
@@ -85,13 +79,6 @@ class UnitWatch:
             self.asked = None
         self.asked_ns = now
         return self.asked
-
-    def has_timed_out(self, now: int) -> bool:
-        """Whether the pending request has timed out."""
-        if now - self.asked_ns < _PATIENCE_NS:
-            return False
-        self.asked = None
-        return True
 
     def forget(self, address: ObjectAddress) -> None:
         """The drive does not have the object."""
