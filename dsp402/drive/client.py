@@ -430,9 +430,13 @@ class DriveClient(NodeClient[DriveSettings]):
         return self.rpdos.motion_asked or (self._positions_by_sync and self._operates)
 
     def _has_work(self, now: int) -> bool:
-        if self.rpdos.written or self._mode.awaited is not None or (self._operates and self._tpdos.is_due(now)):
+        if self.rpdos.written or self._mode.awaited is not None or self._may_check_tpdos(now):
             return True
         return super()._has_work(now)
+
+    def _may_check_tpdos(self, now: int) -> bool:
+        """Not while the unit check waits for an answer: a loss of the drive would be reported late."""
+        return self._tpdos.is_due(now) and self.units.watch.asked is None and self._operates
 
     def _send_question(self, now: int) -> None:
         """Of the unit check."""
@@ -448,7 +452,6 @@ class DriveClient(NodeClient[DriveSettings]):
         super()._exchange_acyclic(now)
         if self.units.watch.changed:
             self._read_units()
-        self._send_question(now)
-        if self._operates and self.units.watch.asked is None:
-            # Not earlier: while waiting for an answer, a loss of the drive would be reported late.
+        if self._may_check_tpdos(now):
             self._tpdos.check(now, self._timeout_ns)
+        self._send_question(now)
