@@ -159,7 +159,7 @@ class Report:
         """G2_ZSW, G2_XIST1, G2_XIST2."""
 
 
-_FAULT: Final = _ZSW1.bit("FAULT").mask
+SHOWN_FAULT: Final = _ZSW1.bit("FAULT").mask
 _READY: Final = _ZSW1.bit("READY_TO_SWITCH_ON").mask
 _SWITCHED_ON: Final = _READY | _ZSW1.bit("READY_TO_OPERATE").mask
 _OPERATING: Final = _SWITCHED_ON | _ZSW1.bit("OPERATION_ENABLED").mask
@@ -172,10 +172,10 @@ _SHOWN: dict[State | None, int] = {
     State.OPERATION_ENABLED: _OPERATING,
     # Quick stop: bit 2 is 0 in ZSW1 although it is 1 in the Statusword.
     State.QUICK_STOP_ACTIVE: _SWITCHED_ON,
-    State.FAULT_REACTION_ACTIVE: _OPERATING | _FAULT,
-    State.FAULT: _FAULT,
+    State.FAULT_REACTION_ACTIVE: _OPERATING | SHOWN_FAULT,
+    State.FAULT: SHOWN_FAULT,
     # Invalid Statusword: reported as a fault; the axis is being stopped.
-    None: _FAULT,
+    None: SHOWN_FAULT,
 }
 STATE_MASK: Final = len(STATE_OF_STATUS) - 1
 """The Statusword bits that show its state."""
@@ -185,4 +185,3 @@ SHOWN_UNCOMMANDED: Final = tuple(
     _SHOWN[State.QUICK_STOP_ACTIVE if state is State.OPERATION_ENABLED else state] for state in STATE_OF_STATUS
 )
 """The same for uncommanded operation: the axis is being stopped with power on."""
-SHOWN_FAULT: Final = _FAULT

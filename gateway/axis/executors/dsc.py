@@ -11,8 +11,8 @@ from fractions import Fraction
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.gateway.axis.demand_report import STATE_MASK, Flag, SpeedWish
-from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisRecords, Executor, LimitWatch, demanded_speed, known
+from pdgw.gateway.axis.demand_report import Flag, SpeedWish
+from pdgw.gateway.axis.executors.base import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.errors import GatewayError
@@ -25,7 +25,6 @@ from pdgw.profidrive.normalisation import Normalisation
 
 _GAIN = warning_bits(FaultNumber.DSC_GAIN)
 _OUT_OF_DATE = warning_bits(FaultNumber.DSC_OUT_OF_DATE)
-_ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
 _BY_SPEED = DscForm.SPEED
 _FREEZE = SpeedWish.FREEZE
 _I32 = DataType.INTEGER32.integer_range
@@ -99,17 +98,16 @@ class DscExecutor(Executor):
 
     def step(self) -> Reason | None:
         interlock, dsc, actual, message = self.interlock, self.dsc, self._actual, self._message
-        reason, action = interlock.reason, interlock.action
+        reason, cell = interlock.reason, interlock.cell
         if dsc is None or actual is None or message is None:
             return reason
         command, report, demand, feedback = self.command, self.report, self.demand, self.feedback
-        enabled = OPERATION_ENABLED[feedback.statusword & STATE_MASK]
-        if enabled and action is _ENABLE_OPERATION:
+        if cell.operating:
             reason = self._control(dsc)
             self._report_gain(dsc)
             reason = self._held_at_limit() or reason
-        elif enabled and action is _RAMP:
-            self._ramp()
+        elif cell.action is Action.RAMP:
+            self._ramp(dsc)
             self._report_gain(dsc)
         else:
             self._held = self.outputs.warned = 0
@@ -118,10 +116,9 @@ class DscExecutor(Executor):
         command.controlword = interlock.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
         report.speed = actual.to_wire(feedback.velocity_actual)
-        own = enabled and action is _ENABLE_OPERATION and reason is None
         near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
         shown = report.message = message_of(message, feedback, self.outputs)
-        report.flags = (Flag.REACHED if near and own else 0) | (
+        report.flags = (Flag.REACHED if near and cell.operating and reason is None else 0) | (
             Flag.WITHIN_TOLERANCE if shown & SPEED_WITHIN_TOLERANCE else 0
         )
         return reason
@@ -131,7 +128,7 @@ class DscExecutor(Executor):
         # Without control the last words may stay; an earlier position error must not count as a present one.
         fresh = self.inputs.fresh and demand.connected and demand.in_control
         if self._is_out_of_date(dsc, fresh=fresh):
-            self._ramp()
+            self._ramp(dsc)
             self.outputs.warn(FaultNumber.DSC_OUT_OF_DATE, "DSC stops the axis: no new setpoint for too long")
             return Reason.DSC_OUT_OF_DATE
         self.outputs.end_warnings(_OUT_OF_DATE)
@@ -205,13 +202,12 @@ class DscExecutor(Executor):
         self._rest = total - way * denominator
         self.command.target_position = wrapped(self.command.target_position + way)
 
-    def _ramp(self) -> None:
+    def _ramp(self, dsc: Dsc) -> None:
         """Down from the speed there is."""
-        if self.dsc is not None:
-            if self.dsc.setpoint.position is not None:
-                # NSOLL_B, the feed-forward, may differ from the speed of the positions.
-                self._velocity = self.feedback.velocity_actual
-            self.dsc.stop()
+        if dsc.setpoint.position is not None:
+            # NSOLL_B, the feed-forward, may differ from the speed of the positions.
+            self._velocity = self.feedback.velocity_actual
+        dsc.stop()
         speed = self._velocity
         speed = max(0, speed - self._deceleration) if speed > 0 else min(0, speed + self._deceleration)
         self._velocity = self.command.target_velocity = self.command.velocity_offset = speed
