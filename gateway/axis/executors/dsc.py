@@ -49,14 +49,13 @@ class DscExecutor(Executor):
         self._rest = 0
         self._velocity = 0
         self._tolerance = 0
-        self._frozen = False
-        """The speed of the moment STW1.5 fell stays, without DSC."""
         self._limit = LimitWatch()
         self._held = 0
         self._last_frame_ns = 0
         """Arrival of the newest setpoints; this cycle while DSC is off."""
-        self._out_of_date = False
-        """No new setpoints for too long: the axis stops, whatever arrives during the stop."""
+        self._replaced: Reason | None = None
+        """Why the PLC's setpoint is not in force. SETPOINT_DISABLED: the speed of the moment STW1.5 fell stays, without DSC;
+        DSC_OUT_OF_DATE: no new setpoints for too long, the axis stops, whatever arrives during the stop."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         if drive.max_torque <= 0:
@@ -111,7 +110,7 @@ class DscExecutor(Executor):
             self._report_gain(dsc)
         else:
             self._held = self.outputs.warned = 0
-            self._out_of_date = self._frozen = False
+            self._replaced = None
             self._track_actual_position()
         command.controlword = interlock.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
@@ -127,15 +126,16 @@ class DscExecutor(Executor):
         demand, position = self.demand, self.feedback.position_actual
         # Without control the last words may stay; an earlier position error must not count as a present one.
         fresh = self.inputs.fresh and demand.connected and demand.in_control
-        if self._is_out_of_date(dsc, fresh=fresh):
+        self._check_age(dsc, fresh=fresh)
+        if self._replaced is Reason.DSC_OUT_OF_DATE:
             self._ramp(dsc)
             self.outputs.warn(FaultNumber.DSC_OUT_OF_DATE, "DSC stops the axis: no new setpoint for too long")
-            return Reason.DSC_OUT_OF_DATE
+            return self._replaced
         self.outputs.end_warnings(_OUT_OF_DATE)
         if demand.speed_wish is _FREEZE:
             self._freeze(dsc)
-            return Reason.SETPOINT_DISABLED
-        self._frozen = False
+            return self._replaced
+        self._replaced = None
         result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=fresh)
         command, self._velocity = self.command, result.velocity
         if self.choices.form is _BY_SPEED:
@@ -152,8 +152,8 @@ class DscExecutor(Executor):
     def _freeze(self, dsc: Dsc) -> None:
         """Continue with the demand speed from the moment STW1.5 fell; XERR and KPC are ignored, DSC starts again afterwards."""
         command = self.command
-        if not self._frozen:
-            self._frozen = True
+        if self._replaced is None:
+            self._replaced = Reason.SETPOINT_DISABLED
             low, high = dsc.settings.velocity_range
             self._velocity = max(low, min(demanded_speed(self.feedback), high))
         dsc.stop()
@@ -163,16 +163,15 @@ class DscExecutor(Executor):
             command.velocity_offset = self._velocity
             self._travel(self._velocity)
 
-    def _is_out_of_date(self, dsc: Dsc, *, fresh: bool) -> bool:
-        """Whether the axis must stop before DSC starts again, independent of the watchdog time."""
+    def _check_age(self, dsc: Dsc, *, fresh: bool) -> None:
+        """Stop the axis before DSC starts again, independent of the watchdog time, if the setpoints are too old."""
         now = self.inputs.now
         if dsc.setpoint.active and now - self._last_frame_ns > dsc.hold_ns:
-            self._out_of_date = True
-        elif self._out_of_date and not self._velocity and fresh:
-            self._out_of_date = False
+            self._replaced = Reason.DSC_OUT_OF_DATE
+        elif self._replaced is Reason.DSC_OUT_OF_DATE and not self._velocity and fresh:
+            self._replaced = None
         if fresh or not dsc.setpoint.active:
             self._last_frame_ns = now
-        return self._out_of_date
 
     def _held_at_limit(self) -> Reason | None:
         """An axis that was stopped at a limit of the drive does not move after the release until speed 0 and KPC 0."""
