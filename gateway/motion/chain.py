@@ -6,6 +6,8 @@ a second setpoint beside the one that runs.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
 from pdgw.gateway.motion.requests import FULL
@@ -17,17 +19,18 @@ def _fraction(percent: int) -> int:
     return FULL * percent // 100
 
 
+@dataclass(slots=True, eq=False)
 class BlockChain:
     """The blocks of an axis and the one of them that runs."""
 
-    def __init__(self, blocks: BlockTable, course: Course) -> None:
-        self.blocks = blocks
-        self.block: Block | None = None
-        """The block that runs, None for none."""
-        self.external = False
-        """STW1.13 rose since the block began."""
-        self._course = course
-        self._wait_until = 0
+    blocks: BlockTable
+    _course: Course
+    block: Block | None = None
+    """The block that runs, None for none."""
+    external: bool = False
+    """STW1.13 rose since the block began."""
+    _wait_until: int = 0
+    """End of the wait that is the block, monotonic ns."""
 
     def refusal(self, number: int) -> Reason | None:
         """Why a block cannot be done, None when it can."""

@@ -6,6 +6,7 @@ or at 32 bit. Pure; integers in any unit.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 
@@ -30,15 +31,20 @@ def way(start: int, target: int, modulo: int, direction: Direction, window: int)
     return forward if direction is Direction.POSITIVE else forward - modulo
 
 
+@dataclass(slots=True, eq=False)
 class Ring:
-    """The position of one axis: ``low`` is the first the drive shows, ``size`` how many there are."""
+    """The position of one axis."""
 
-    def __init__(self, low: int, size: int) -> None:
-        self._low = low
-        self._size = size
-        self._raw = 0
-        self._base = 0
-        self._known = False
+    _low: int
+    """The first position that the drive shows,"""
+    _size: int
+    """and how many there are."""
+    _raw: int = 0
+    """The last position that the drive showed."""
+    _base: int = 0
+    """The count at the drive's position 0."""
+    _known: bool = False
+    """The drive has shown a position in its present coordinates."""
 
     def reset(self) -> None:
         """The drive's coordinates are new: the next position counts from 0."""

@@ -97,20 +97,28 @@ class Positioner:
         self._state = self.outcome.state = next(iter(transitions))
         self.seen = Seen()
         """State of the axis, read before each step."""
-        self._course = Course(settings, self.outcome, self.seen)
+        self._course = Course(settings, self.outcome, self.seen, settings.position_window)
         self._chain = BlockChain(blocks or BlockTable(), self._course)
         self.asked = NOTHING
-        """The commands of this step."""
+        """The commands of this step,"""
         self._now = 0
+        """and its time, monotonic ns."""
         self._pending: _Task | None = None
+        """The task of the newest edge, while it waits for standstill."""
         self._task: _Task | None = None
+        """The task that runs."""
         self._owed = False
         """STW1.6 is still 1 after the edge of the task: acknowledge the task."""
         self._armed = (False, False)
+        """Jog 1 and jog 2 may start: the bit was 0 in operation, and has started nothing since."""
         self._jog = 0
+        """The one that moves the axis; 0: none."""
         self._homing_until = 0
+        """End of POS_ZSW1.11 = 1, monotonic ns; 0: it has ended."""
         self._probe_requested = False
+        """Passive homing was requested in the last step."""
         self._controls: tuple[int, ...] | None = None
+        """The control words whose bits were evaluated last."""
         self._levels = 0
         """The bits whose edges count, in the last frame; not kept out of operation."""
         self._edges = 0

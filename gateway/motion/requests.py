@@ -92,7 +92,7 @@ class Seen:
     position: int = 0
     standstill: bool = True
     stopped: bool = True
-    """The axis is at standstill, and the drive has ended its ramp."""
+    """The axis is at standstill, the drive has ended its ramp, and no setpoint is on its way that may still start."""
     given: int = 1
     taken: int = 1
     executing: int = 1

@@ -47,35 +47,39 @@ class Goal:
     """The task is relative. A drive that finds the way itself gets the rest of it as another relative task."""
 
 
+@dataclass(slots=True, eq=False)
 class Course:
     """The goal of one axis; ``follow`` once per cycle brings ``outcome.motion`` in line with it."""
 
-    def __init__(self, settings: PositionerSettings, outcome: Outcome, seen: Seen) -> None:
-        self.settings = settings
-        self.outcome = outcome
-        self.seen = seen
-        self.offset = 0
-        """User's coordinate minus the drive's."""
-        self.goal: Goal | None = None
-        self.sent = 0
-        """Serial of the newest setpoint of the goal, 0 while there is none."""
-        self.speed: Goal | None = None
-        """The task of a function with a speed, without software limits."""
-        self.held: Reason | None = None
-        """Why the goal is kept and not pursued."""
-        self.queued = 0
-        """Serial of the setpoint that waits in the drive, 0 for none."""
-        self.limits: tuple[int, int] | None = None
-        """The software limits, while they are watched."""
-        self.limits_moved = False
-        """They became active or inactive, or their place in the drive's coordinates changed."""
-        self._limited = False
-        """The requested speed was above the maximum."""
-        self._limit_since = -1
-        self._at_limit = False
-        self._stop_since = -1
-        self.window: int | None = settings.position_window
-        """Largest distance from the target of a task that has ended; None: only the drive knows."""
+    settings: PositionerSettings
+    outcome: Outcome
+    seen: Seen
+    window: int | None
+    """Largest distance from the target of a task that has ended; None: only the drive knows."""
+    offset: int = 0
+    """User's coordinate minus the drive's."""
+    goal: Goal | None = None
+    """The present task; None: ramp to standstill."""
+    sent: int = 0
+    """Serial of the newest setpoint of the goal, 0 while there is none."""
+    speed: Goal | None = None
+    """The task of a function with a speed, without software limits."""
+    held: Reason | None = None
+    """Why the goal is kept and not pursued."""
+    queued: int = 0
+    """Serial of the setpoint that waits in the drive, 0 for none."""
+    limits: tuple[int, int] | None = None
+    """The software limits, while they are watched."""
+    limits_moved: bool = False
+    """They became active or inactive, or their place in the drive's coordinates changed."""
+    _limited: bool = False
+    """The requested speed was above the maximum."""
+    _limit_since: int = -1
+    """Since when the drive is at standstill at an internal limit, monotonic ns; -1: it is not."""
+    _at_limit: bool = False
+    """This limit stops the goal until another one, or an intermediate stop."""
+    _stop_since: int = -1
+    """Since when the axis is at standstill at its torque limit, monotonic ns; -1: it is not."""
 
     def look(self, limits: bool) -> None:
         """Take whether the software limits are watched, and the begin of a relative task, before anything is decided."""

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 
+
+@dataclass(slots=True, eq=False)
 class Stall:
     """Call ``step`` once per cycle. Way counts, not speed: a slow task is always inside the standstill window."""
 
-    def __init__(self, time_ns: int) -> None:
-        self._time = time_ns
-        self._since = -1
-        """When the axis made way last, monotonic ns; -1: nothing is expected."""
-        self._lowest = self._highest = 0
-        """Positions since: encoder noise stays between them."""
+    _time: int
+    """Time without way that is a stall, ns."""
+    _since: int = -1
+    """When the axis made way last, monotonic ns; -1: nothing is expected."""
+    _lowest: int = 0
+    """Lowest and"""
+    _highest: int = 0
+    """highest position since: encoder noise stays between them."""
 
     def step(self, expects: bool, position: int, now: int) -> bool:
         """One cycle; True for a stalled axis. ``expects``: the axis is at standstill, and its motion has not ended."""

@@ -5,21 +5,26 @@ Source: docs/motion.md "Traversing blocks". The positioner's PDOs have no room f
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from pdgw.dsp402.objects import MAX_TORQUE
 from pdgw.gateway.axis.values import Outputs, SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
 
 
+@dataclass(slots=True, eq=False)
 class TorqueLimit:
-    """Call ``follow`` once per cycle; ``holds`` is True when the drive has the limit."""
+    """Call ``follow`` once per cycle; ``holds`` is True when the drive has the limit. Values in 1/1000 of the rated torque."""
 
-    def __init__(self, outputs: Outputs) -> None:
-        self._outputs = outputs
-        self._base = 0
-        self._held = 0
-        """Present limit in the drive; -1 while it is unknown."""
-        self._refused = -1
-        self._writes: tuple[SdoWrite, ...] | None = None
+    _outputs: Outputs
+    _base: int = 0
+    """The drive's own limit."""
+    _held: int = 0
+    """Present limit in the drive; -1 while it is unknown."""
+    _refused: int = -1
+    """The limit that the drive rejected last; -1 for none."""
+    _writes: tuple[SdoWrite, ...] | None = None
+    """The write that is not answered yet."""
 
     def set_base(self, limit: int) -> None:
         """The type of the drive was read again: its own limit in 1/1000 of the rated torque, never one that was lowered."""
