@@ -85,7 +85,6 @@ class PositionerExecutor(MotionExecutor):
         """Position counter of a modulo axis."""
         self._anchored = 0
         """Serial number of the motion before which the drive was sent to its actual position."""
-        self._warned: Reason | None = None
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         choices, scaling = self.choices, drive.scaling
@@ -193,6 +192,7 @@ class PositionerExecutor(MotionExecutor):
         units, speed, message, reason = self._units, self._speed, self._message, self.interlock.reason
         if units is None or speed is None or message is None:
             return reason
+        before = self.positioner.outcome.warning
         outcome, feedback, outputs = self._cycle(), self.feedback, self.outputs
         asked = self.positioner.asked
         if self._continued and not self.stopped:
@@ -204,7 +204,7 @@ class PositionerExecutor(MotionExecutor):
             if reason is Reason.HOMING_ERROR:
                 reason = self.homing.failure
         self._torque.follow(outcome.motion.torque if asked.operating else None)
-        if outcome.warning is not self._warned:
+        if outcome.warning is not before:
             self._warn(outcome.warning)
         report = self.report
         report.speed = speed.to_wire(feedback.velocity_actual)
@@ -221,7 +221,6 @@ class PositionerExecutor(MotionExecutor):
             self.outputs.end_warnings(TASK_WARNINGS)
             if warning is not None and warning not in HELD:
                 self.outputs.warn(FaultNumber.POSITIONER, warning.value)
-        self._warned = warning
 
     def _flags(self, outcome: Outcome) -> int:
         flags = _STANDING if outcome.standing else 0
