@@ -121,11 +121,6 @@ class DriveObject(abc.ABC):
     def transmit(self, now: int) -> None:  # noqa: B027 - an encoder is sent nothing
         """Send what the last step commands."""
 
-    def cycle(self, setpoints: Sequence[int] | None, now: int) -> None:
-        """``step`` and ``transmit`` in one call, if nothing must happen between them."""
-        self.step(setpoints, now)
-        self.transmit(now)
-
     @property
     @abc.abstractmethod
     def powered(self) -> bool:
@@ -194,11 +189,6 @@ class DriveObject(abc.ABC):
     def reason(self) -> Reason | None:
         """Why it does not do what the PLC asks, None when it does."""
         return self.outputs.reason
-
-    @property
-    def warning(self) -> int:
-        """The active warnings of the gateway: bits of P953."""
-        return self.outputs.warning
 
     @property
     def faults(self) -> Sequence[FaultRecord]:
@@ -309,7 +299,7 @@ class DriveObject(abc.ABC):
             record.number,
             record.code,
             record.text,
-            extra={"event": "warning" if record.is_warning else "fault", "do": self.do_id, "fault": int(record.number)},
+            extra={"event": kind, "do": self.do_id, "fault": int(record.number)},
         )
 
     def on_node_event(self, event: NodeEvent) -> None:

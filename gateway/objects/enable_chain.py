@@ -17,7 +17,7 @@ from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.adapters.speed import DEVICE_BITS, SpeedAdapter
-from pdgw.gateway.axis.demand_report import Demand, PowerWish
+from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
@@ -164,20 +164,19 @@ class _Chain:
         ``acknowledge``: what remains to be done after its cause. ``what``: the error that it is to the PLC.
         """
         cause = self.item.cause
-        if cause is None or not cause.record.of_device:
+        if cause is None or not (cause.record.of_device or reason is Reason.ENCODER_FAULT):
             self.breaks(reason, what, f"remove the cause; {acknowledge}")
             return
-        evidence = self.since(cause.record)
+        evidence = self._since(cause.record)
         remedy = f"{emcy_remedy(cause.record.code)}; {acknowledge}"
         self.breaks(reason, f"{what}: {evidence}" if what else evidence, remedy)
 
     def judge_on(self) -> None:
         """ON does not count: name what used it up, if that is not acknowledged."""
         cause, reason = self.item.cause, Reason.NEEDS_OFF
-        self.breaks(reason, "" if cause is None else f"{reason.value}, because of {self.since(cause.record)}")
+        self.breaks(reason, "" if cause is None else f"{reason.value}, because of {self._since(cause.record)}")
 
-    def since(self, record: FaultRecord) -> str:
-        """The text of a fault, and since when."""
+    def _since(self, record: FaultRecord) -> str:
         loop = self.item.client.loop
         since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
         return f"{record.text}, since {since:%H:%M:%S}"
@@ -211,11 +210,6 @@ class _Chain:
         return EnableStatus(AxisState.STOPPING if stops and state is not AxisState.FAULT else state, chain)
 
 
-def asks_for_operation(demand: Demand) -> bool:
-    """Whether a connected PLC requests operation: then the missing link is in the drive."""
-    return demand.connected and demand.power in _ASKS
-
-
 def axis_enable_status(axis: Axis) -> EnableStatus:
     """Chain of an axis after its last step."""
     chain, machine = _Chain(axis, AXIS_CHAIN), axis.machine
@@ -243,10 +237,10 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
 
 def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     """Supply, fault and operation of a drive that is online."""
-    machine, powered = axis.machine, state in POWERED
+    machine, demand, powered = axis.machine, axis.machine.demand, state in POWERED
     reason, statusword = machine.outputs.reason, axis.drive.feedback.statusword
     missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
-    commanded = asks_for_operation(machine.demand) and machine.interlock.reason in missing
+    commanded = demand.connected and demand.power in _ASKS and machine.interlock.reason in missing
     if state in FAULTY:
         chain.judge_fault(Reason.DRIVE_FAULT, _acknowledge(axis))
     elif state is None:
@@ -265,7 +259,7 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
         chain.passes(Enable.OPERATION)
-    elif commanded and state is not None and machine.demand.power is not PowerWish.ON:
+    elif commanded and state is not None and demand.power is not PowerWish.ON:
         chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}")
 
 
@@ -323,7 +317,7 @@ def _acknowledge(axis: Axis) -> str:
         return f"the acknowledge ({name}.7) is sent to the drive"
     no_control = f"{name}.10" if machine.inputs.setpoints is not None and not machine.demand.in_control else ""
     in_vain = axis.acknowledged_at > machine.fault_began
-    return _missing_acknowledge(f"{name}.7", no_control, is_set=word & ControlBit.FAULT_RESET != 0, in_vain=in_vain)
+    return _missing_acknowledge(f"{name}.7", no_control, word & ControlBit.FAULT_RESET, in_vain)
 
 
 def _acknowledge_encoder(encoder: EncoderObject) -> str:
@@ -332,38 +326,38 @@ def _acknowledge_encoder(encoder: EncoderObject) -> str:
     adapter, control = machine.adapter, machine.control
     no_control = "STW2_ENC.10" if adapter.control is not None and not control.has_control else ""
     if not machine.in_error:
-        is_set = (adapter.control or 0) & ENCODER_ACKNOWLEDGE != 0
-        return _missing_acknowledge("STW2_ENC.7", no_control, is_set=is_set, in_vain=control.in_vain)
-    is_set = (adapter.sensor or 0) & SENSOR_ACKNOWLEDGE != 0
-    if is_set and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
+        level = (adapter.control or 0) & ENCODER_ACKNOWLEDGE
+        return _missing_acknowledge("STW2_ENC.7", no_control, level, control.in_vain)
+    level = (adapter.sensor or 0) & SENSOR_ACKNOWLEDGE
+    if level and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
         return "set G1_STW.15 to 0: this ends the acknowledge"
-    return _missing_acknowledge("G1_STW.15", no_control, is_set=is_set, in_vain=sensor.in_vain)
+    return _missing_acknowledge("G1_STW.15", no_control, level, sensor.in_vain)
 
 
-def _missing_acknowledge(bit: str, no_control: str, *, is_set: bool, in_vain: bool) -> str:
+def _missing_acknowledge(bit: str, no_control: str, level: int, in_vain: bool) -> str:
     """What is missing for an acknowledge by the edge of ``bit``.
 
-    ``no_control``: the bit of control by PLC if it is 0. ``in_vain``: an edge came while the cause was there.
+    ``no_control``: the bit of control by PLC if it is 0. ``level``: of ``bit``, 0 or not. ``in_vain``: an edge came while the
+    cause was there.
     """
     edge = f"set {bit} to 0 and then to 1"
     if no_control:
         return f"{bit} has no effect while {no_control} = 0: set {no_control}, then acknowledge ({bit})"
     if in_vain:
         return f"it was acknowledged, but the cause is still there: remove it, then {edge}"
-    return f"then acknowledge: it needs an edge, {edge}" if is_set else f"then acknowledge ({bit})"
+    return f"then acknowledge: it needs an edge, {edge}" if level else f"then acknowledge ({bit})"
 
 
 def notes(axis: Axis) -> list[str]:
     """What the PLC sends without an effect, while no link is broken by it."""
     adapter, word = axis.machine.adapter, _control_word(axis)[1]
     found: list[str] = []
-    ignored = word & adapter.IGNORED if isinstance(adapter, ControlWordAdapter) else 0
-    if bits := [f"STW1.{bit} = 1" for bit in range(16) if ignored >> bit & 1]:
-        speed = "; a negative setpoint turns backwards" if isinstance(adapter, SpeedAdapter) else ""
-        found.append(f"without effect in telegram {axis.telegram.number}: {', '.join(bits)}{speed}")
-    if passed := word & DEVICE_BITS if isinstance(adapter, SpeedAdapter) else 0:
-        bits = [f"STW1.{bit}" for bit in range(16) if passed >> bit & 1]
-        found.append(f"sent to the drive as the same bits of the Controlword: {', '.join(bits)}")
+    is_speed = isinstance(adapter, SpeedAdapter)
+    if isinstance(adapter, ControlWordAdapter) and (bits := _bits(word & adapter.IGNORED, " = 1")):
+        speed = "; a negative setpoint turns backwards" if is_speed else ""
+        found.append(f"without effect in telegram {axis.telegram.number}: {bits}{speed}")
+    if is_speed and (bits := _bits(word & DEVICE_BITS)):
+        found.append(f"sent to the drive as the same bits of the Controlword: {bits}")
     for item, raw in zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False):
         percent = item.percent(raw) if item.quantity in _SPEEDS else None
         if percent is not None and abs(percent) > _FULL:
@@ -371,6 +365,11 @@ def notes(axis: Axis) -> list[str]:
                 f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
             )
     return found
+
+
+def _bits(word: int, value: str = "") -> str:
+    """The set bits of STW1."""
+    return ", ".join(f"STW1.{bit}{value}" for bit in range(16) if word >> bit & 1)
 
 
 def _held_bits(axis: Axis) -> str:
@@ -390,9 +389,7 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
             what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
             chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_encoder(encoder), what)
         elif machine.control.fault:
-            cause = encoder.cause
-            lost = "" if cause is None or cause.record.of_device else chain.since(cause.record)
-            chain.judge_fault(Reason.ENCODER_FAULT, _acknowledge_encoder(encoder), lost)
+            chain.judge_fault(Reason.ENCODER_FAULT, _acknowledge_encoder(encoder))
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:

@@ -177,11 +177,6 @@ class EncoderObject(DriveObject):
     def enable_status(self) -> EnableStatus:
         return encoder_enable_status(self)
 
-    @property
-    def faulty(self) -> bool:
-        """The encoder shows an alarm or an error: an acknowledge has nothing to do yet."""
-        return self.machine.faulty
-
     def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
         return _TYPES[index].bits // 8, _TYPES[index].char.islower()
 

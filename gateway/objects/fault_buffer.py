@@ -50,11 +50,10 @@ class FaultLog:
     def __init__(self, origin_ns: int) -> None:
         self.history: deque[FaultRecord] = deque(maxlen=_KEPT)
         self._origin = origin_ns
-        self._buffer = FaultBuffer()
+        self.buffer = FaultBuffer()
+        """P944 and P952."""
         self._active: dict[tuple[int, int], ReportedFault] = {}
         """Faults that are not acknowledged, the oldest first. Equal ones count once, so that none hides another."""
-        self._acknowledged: list[tuple[int, int]] = []
-        """Number and code of the faults of situation 1, if all are the gateway's own."""
         self._emergency = 0
         self._entered = 0
         self.count = 0
@@ -70,7 +69,7 @@ class FaultLog:
                 self._active[_key(record)] = ReportedFault(self._entered, active=True, record=record)
                 time_ms = max(0, record.time_ns - self._origin) // MS
                 fault = Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF)
-                self._buffer.enter(fault, FAULTS_PER_SITUATION if record.of_device else _OWN_PLACES)
+                self.buffer.enter(fault, FAULTS_PER_SITUATION if record.of_device else _OWN_PLACES)
         elif record.number not in GATEWAY_FAULTS:
             self._emergency = _warning_mask(record)
 
@@ -81,9 +80,7 @@ class FaultLog:
 
     def acknowledge(self) -> None:
         """The PLC acknowledged and the cause is gone. The gateway's own faults, repeated, have one situation."""
-        own = [] if any(item.record.of_device for item in self._active.values()) else [*self._active]
-        self._buffer.acknowledge(again=own != [] and own == self._acknowledged)
-        self._acknowledged = own
+        self.buffer.acknowledge(GATEWAY_FAULTS)
         self._active.clear()
         self._emergency = 0
 
@@ -93,7 +90,7 @@ class FaultLog:
 
     def clear(self) -> None:
         """P952 := 0."""
-        self._buffer.clear()
+        self.buffer.clear()
         self._active.clear()
 
     def reported(self, *, present: int, newest: int | None = None) -> list[ReportedFault]:
@@ -119,19 +116,9 @@ class FaultLog:
             result += [item for item in reversed(self._active.values()) if item.id <= self._entered - len(self.history)]
         return result
 
-    @property
-    def counter(self) -> int:
-        """P944."""
-        return self._buffer.counter
-
-    @property
-    def situations(self) -> int:
-        """P952."""
-        return self._buffer.situations
-
     def entries(self) -> list[Fault]:
         """All 64 places, empty ones as zeros."""
-        return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
+        return [self.buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
 
     def cause(self, since: int = 0) -> ReportedFault | None:
         """The most important fault: the oldest unacknowledged one.

@@ -242,14 +242,14 @@ class NodeObject(BoundObject):
             Pnu.OPERATION_PRIORITY, lambda: self._stored.operation_priority, partial(self._store, "operation_priority")
         )
         self.bind(Pnu.CONTROL_PRIORITY, lambda: 1, lambda _: None)
-        self.bind(Pnu.FAULT_COUNTER, lambda: log_.counter)
+        self.bind(Pnu.FAULT_COUNTER, lambda: log_.buffer.counter)
         self.bind(Pnu.FAULT_CODE, lambda: [fault.code for fault in log_.entries()])
         self.bind(Pnu.FAULT_CODE_LIST, lambda: fault_codes(self._own_faults))
         self.bind(Pnu.FAULT_NUMBER_LIST, lambda: fault_numbers(self._own_faults), texts=self._fault_texts)
         self.bind(Pnu.FAULT_NUMBER, lambda: [fault.number for fault in log_.entries()], texts=self._fault_texts)
         self.bind(Pnu.FAULT_TIME, lambda: [fault.time_ms for fault in log_.entries()])
         self.bind(Pnu.FAULT_VALUE, lambda: [fault.value for fault in log_.entries()])
-        self.bind(Pnu.FAULT_SITUATIONS, lambda: log_.situations, self._clear_faults)
+        self.bind(Pnu.FAULT_SITUATIONS, lambda: log_.buffer.situations, self._clear_faults)
         self.bind(Pnu.WARNING_WORD, self._warnings, texts=lambda: _WARNING_TEXTS)
         self.bind(Pnu.BAUD_RATE, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
         self.bind_action(Pnu.LOAD, self.load)
@@ -302,7 +302,7 @@ class NodeObject(BoundObject):
         self.owner.fault_log.clear()
 
     def _warnings(self) -> int:
-        return self.owner.fault_log.warnings(self.owner.warning)
+        return self.owner.fault_log.warnings(self.owner.outputs.warning)
 
     def require_power_off(self) -> None:
         """ParameterRefused while something may move."""

@@ -9,11 +9,6 @@ from typing import Any, Final
 
 from pdgw.gateway.reasons import AxisState, Reason
 
-CAUSE_KEYS: Final = (
-    *("do_id", "label", "bus", "node_id", "heard_age_ms"),
-    *("state", "state_id", "reason", "reason_id", "remedy", "cause"),
-)
-"""Keys in the status of a drive object that ``causes`` uses."""
 _FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
 """States that need no action."""
 _ORDER: Final = tuple(state.name for state in reversed(AxisState))
@@ -37,29 +32,23 @@ def causes(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(found, key=lambda cause: (_ORDER.index(cause["state_id"]), -len(cause["objects"])))
 
 
-def _age_ms(item: dict[str, Any]) -> float:
-    """Time since the last data of its node, infinite without any."""
-    age: float | None = item["heard_age_ms"]
-    return inf if age is None else age
-
-
 def _lost_together(items: Sequence[dict[str, Any]]) -> dict[int, str]:
     """What explains the loss of several nodes of a bus at one moment, by the DO-ID of their objects."""
-    losses: list[list[dict[str, Any]]] = []
-    offline = (item for item in items if item["reason_id"] in _OFFLINE)
-    for item in sorted(offline, key=lambda item: (item["bus"], _age_ms(item))):
-        before = losses[-1][-1] if losses else {"bus": ""}
-        if before["bus"] != item["bus"] or _age_ms(item) - _age_ms(before) > _TOGETHER_MS:
-            losses.append([])
-        losses[-1].append(item)
+    offline = [(item["bus"], item["heard_age_ms"] or inf, item) for item in items if item["reason_id"] in _OFFLINE]
+    offline.sort(key=lambda loss: loss[:2])
     found: dict[int, str] = {}
-    for members in losses:
-        first, last, bus = _age_ms(members[0]), _age_ms(members[-1]), members[0]["bus"]
-        lost, known = ({item["node_id"] for item in some if item["bus"] == bus} for some in (members, items))
-        when = f"lost within {last - first:.0f} ms" if first < inf else "have not answered since the start"
-        text = f"{len(lost)} of {len(known)} nodes on bus {bus} {when}: CAN cable or supply"
+    while offline:
+        bus, first, _ = offline[0]
+        members = [loss for loss in offline if loss[0] == bus and not loss[1] - first > _TOGETHER_MS]
+        del offline[: len(members)]
+        lost = {item["node_id"] for _, _, item in members}
         if len(lost) > 1:
-            found |= dict.fromkeys((item["do_id"] for item in members), text)
+            known = {item["node_id"] for item in items if item["bus"] == bus}
+            when = (
+                f"lost within {members[-1][1] - first:.0f} ms" if first < inf else "have not answered since the start"
+            )
+            text = f"{len(lost)} of {len(known)} nodes on bus {bus} {when}: CAN cable or supply"
+            found |= {item["do_id"]: text for _, _, item in members}
     return found
 
 
@@ -69,24 +58,19 @@ def _key(item: dict[str, Any]) -> tuple[str, str, int]:
 
 
 def _cause(members: list[dict[str, Any]]) -> dict[str, Any]:
-    first = members[0]
-    texts = {item["reason"] for item in members}
-    reason = first["reason"] if len(texts) == 1 else _common(texts) or Reason[first["reason_id"]].value
+    first, reasons = members[0], [item["reason"] for item in members]
+    # The reason of all, or the fault of all without the time of each.
+    known = set(reasons), {text.partition(", since ")[0] for text in reasons}
+    reason = next((texts.pop() for texts in known if len(texts) == 1), "")
     return {
         "state": first["state"],
         "state_id": first["state_id"],
-        "reason": reason,
+        "reason": reason or Reason[first["reason_id"]].value,
         "reason_id": first["reason_id"],
         "remedy": first["remedy"],
         "who": who({item["do_id"]: item["label"] for item in members}),
         "objects": [item["do_id"] for item in members],
     }
-
-
-def _common(texts: set[str]) -> str:
-    """The fault that several have, without the time of each."""
-    names = {text.partition(", since ")[0] for text in texts}
-    return names.pop() if len(names) == 1 else ""
 
 
 def who(labels: Mapping[int, str]) -> str:

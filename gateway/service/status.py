@@ -23,7 +23,7 @@ from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
 from pdgw.gateway.service.build import interpreter, kind
-from pdgw.gateway.service.causes import CAUSE_KEYS, causes, who
+from pdgw.gateway.service.causes import causes, who
 from pdgw.gateway.service.confirmed_units import units_text
 from pdgw.profidrive.signal_text import Rated, scale, texts
 from pdgw.profidrive.signals import SignalQuantity
@@ -49,7 +49,7 @@ def clock_time(seconds: float) -> str:
 
 def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str, Any]]:
     """Faults and warnings of a drive object, newest first; ``newest``: maximum number."""
-    return [_fault(item, reported) for reported in item.fault_log.reported(present=item.warning, newest=newest)]
+    return [_fault(item, reported) for reported in item.fault_log.reported(present=item.outputs.warning, newest=newest)]
 
 
 def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
@@ -207,11 +207,6 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     )
 
 
-def _node_ids(daemon: Daemon, bus: str) -> set[int]:
-    """The node-IDs of drives and encoders in the configuration of a bus."""
-    return {item.node_id for item in daemon.objects if item.network.name == bus}
-
-
 def _head(daemon: Daemon) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
@@ -245,7 +240,10 @@ def _head(daemon: Daemon) -> dict[str, Any]:
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
                 "healthy": daemon.networks[bus.name].healthy,
-                "unconfigured": sorted(daemon.networks[bus.name].nodes_seen - _node_ids(daemon, bus.name)),
+                "unconfigured": sorted(
+                    daemon.networks[bus.name].nodes_seen
+                    - {item.node_id for item in daemon.objects if item.network.name == bus.name}
+                ),
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
             for bus in config.can
@@ -259,24 +257,21 @@ def _head(daemon: Daemon) -> dict[str, Any]:
 
 def snapshot(daemon: Daemon) -> dict[str, Any]:
     """The daemon as plain data."""
-    axes = [axis_status(axis) for axis in daemon.axes]
-    encoders = [encoder_status(encoder) for encoder in daemon.encoders]
-    return _head(daemon) | {"axes": axes, "encoders": encoders, "causes": causes([*axes, *encoders])}
+    document: dict[str, Any] = json.loads(b"".join(encoded(daemon)))
+    return document
 
 
 def encoded(daemon: Daemon) -> Iterator[bytes]:
     """The snapshot as one line of JSON, one drive object at a time: the exchange continues between two parts."""
     yield json.dumps(_head(daemon))[:-1].encode()
-    axes = (axis_status(axis) for axis in daemon.axes)
-    encoders = (encoder_status(encoder) for encoder in daemon.encoders)
-    axis_causes = []
-    for name, items in (("axes", axes), ("encoders", encoders)):
+    found = []
+    for name, items in (("axes", map(axis_status, daemon.axes)), ("encoders", map(encoder_status, daemon.encoders))):
         yield f', "{name}": ['.encode()
         for number, item in enumerate(items):
-            axis_causes.append({key: item[key] for key in CAUSE_KEYS})
+            found.append(item)
             yield (b", " if number else b"") + json.dumps(item).encode()
         yield b"]"
-    yield f', "causes": {json.dumps(causes(axis_causes))}}}\n'.encode()
+    yield f', "causes": {json.dumps(causes(found))}}}\n'.encode()
 
 
 def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, Any]]:

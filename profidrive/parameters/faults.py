@@ -6,6 +6,7 @@ n*8+7. Situation 0 contains unacknowledged faults; an acknowledge moves them to 
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 
 from pdgw.profidrive.errors import ProfidriveError
@@ -43,15 +44,17 @@ class FaultBuffer:
             self._situations[0].append(fault)
         self._changed()
 
-    def acknowledge(self, *, again: bool = False) -> None:
+    def acknowledge(self, once: Container[int] = ()) -> None:
         """The faults are cleared and acknowledged: situation 0 becomes 1. Nothing to acknowledge changes nothing.
 
-        ``again``: situation 1 has the same faults; it is replaced, so that it does not push older ones out.
+        ``once``: numbers of faults that push no other one out. If situation 1 has the same ones of these, it is replaced.
         """
-        if not self._situations[0]:
+        present, last, *older = self._situations
+        if not present:
             return
-        older = self._situations[2:] if again else self._situations[1:-1]
-        self._situations = [[], self._situations[0], *older]
+        numbers = [fault.number for fault in present]
+        again = numbers == [fault.number for fault in last] and all(number in once for number in numbers)
+        self._situations = [[], present, *older] if again else [[], present, last, *older[:-1]]
         self._changed()
 
     def clear(self) -> None:

@@ -248,7 +248,7 @@ def _acknowledge_in_vain(rig: EncoderRig) -> None:
 
 def _check_latch(rig: EncoderRig, case: Case) -> None:
     """After its cause, the fault stays until the PLC acknowledges it."""
-    rig.until(lambda: not rig.encoder.faulty, "end of the cause")
+    rig.until(lambda: not rig.encoder.machine.faulty, "end of the cause")
     rig.cycles(QUIET_CYCLES)
     assert rig.sight.fault, "the fault ended by itself"
     assert case.reaction is Reaction.FAULT or rig.sight.error, "the error of the sensor ended by itself"
@@ -277,7 +277,7 @@ def test_drive_stays_in_operation_with_each_fault_of_its_encoder(case: Case) -> 
         rig.cycles(QUIET_CYCLES)
         rig.check_reports(case)
         rig.behave(restart=case.reaction is Reaction.G1_MISSING)
-        rig.until(lambda: rig.encoder.good and not rig.encoder.faulty, "encoder back")
+        rig.until(lambda: rig.encoder.good and not rig.encoder.machine.faulty, "encoder back")
         rig.cycles(QUIET_CYCLES)
         if case.reaction is Reaction.G1_ERROR:
             assert sight.shown == [_POSITION, "G1 error 0001h"]

@@ -126,7 +126,7 @@ def test_equal_faults_have_one_place_and_the_drives_own_fault_always_has_one() -
     for number in (*range(101, 108), *[103] * 100):
         log.enter(fault(number, 1000))
     assert log.count == 107
-    assert log.counter == 7, "P944"
+    assert log.buffer.counter == 7, "P944"
     log.enter(fault(7, 5000))
     assert [entry.number for entry in log.entries()[:8]] == [101, 102, 103, 104, 105, 106, 7, 0]
     assert 7 in {record.number for record in log.unacknowledged()}

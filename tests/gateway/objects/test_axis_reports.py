@@ -105,11 +105,11 @@ def test_an_internal_limit_is_told_at_its_beginning_and_is_the_reason_while_it_l
     limited = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT
     steps(ON, limited, limited)
     assert steps.numbers == [112]
-    assert steps.axis.fault_log.warnings(steps.axis.warning) == 1 << 112 - FIRST_WARNING, "P953"
+    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == 1 << 112 - FIRST_WARNING, "P953"
     assert steps.axis.reason is Reason.INTERNAL_LIMIT
     steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.reason is None
-    assert not steps.axis.warning
+    assert not steps.axis.outputs.warning
 
 
 def emcy(axis: Axis, code: int, register: int = 1, now: int = 1) -> None:
@@ -184,12 +184,12 @@ def test_an_emergency_that_ended_is_a_new_one_when_it_comes_again(axis: Axis) ->
 def test_an_emergency_without_an_error_is_a_warning_until_its_end_whatever_else_is_told(axis: Axis) -> None:
     emcy(axis, 0x2310, register=0, now=1)
     bit = 1 << EMCY_WARNING_BIT
-    assert axis.fault_log.warnings(axis.warning) & bit, "P953"
+    assert axis.fault_log.warnings(axis.outputs.warning) & bit, "P953"
     axis.on_node_event(DriveEvent("status", "mapping PDOs", time_ns=2))
     axis.step(None, 2)
-    assert axis.fault_log.warnings(axis.warning) & bit
+    assert axis.fault_log.warnings(axis.outputs.warning) & bit
     emcy(axis, 0, register=0, now=3)
-    assert not axis.fault_log.warnings(axis.warning) & bit
+    assert not axis.fault_log.warnings(axis.outputs.warning) & bit
 
 
 def test_the_log_has_each_change_of_the_reason_each_fault_and_what_the_node_told_once(
@@ -238,17 +238,17 @@ def test_a_set_point_the_drive_did_not_take_is_warning_119_and_the_reason_while_
     steps.axis.on_node_event(DriveEvent("set-point", "not started: 6083h", time_ns=1))
     steps(ON, State.OPERATION_ENABLED)
     assert steps.numbers == [119]
-    assert steps.axis.fault_log.warnings(steps.axis.warning) == 1 << 119 - FIRST_WARNING, "P953"
+    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == 1 << 119 - FIRST_WARNING, "P953"
     assert steps.axis.reason is Reason.SET_POINT_REFUSED
     steps(ON, STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT)
-    assert steps.axis.fault_log.warnings(steps.axis.warning) == warning_bits(
+    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == warning_bits(
         FaultNumber.SET_POINT, FaultNumber.INTERNAL_LIMIT
     )
     steps(ON, State.OPERATION_ENABLED)
-    assert steps.axis.fault_log.warnings(steps.axis.warning) == warning_bits(FaultNumber.SET_POINT), (
+    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == warning_bits(FaultNumber.SET_POINT), (
         "each ends by itself"
     )
     steps.axis.drive.rpdos.set_point_refused = False
     steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.reason is None
-    assert steps.axis.fault_log.warnings(steps.axis.warning) == 0
+    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == 0

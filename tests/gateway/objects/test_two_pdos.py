@@ -29,7 +29,8 @@ class Machine:
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         def cycle() -> object:
-            self.axis.cycle(self.axis.telegram.setpoints.from_dict(self.values), site.now())
+            self.axis.step(self.axis.telegram.setpoints.from_dict(self.values), site.now())
+            self.axis.transmit(site.now())
             return condition()
 
         site.wait_for(cycle, what)
