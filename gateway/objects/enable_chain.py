@@ -167,16 +167,12 @@ class _Chain:
         if cause is None or not (cause.record.of_device or reason is Reason.ENCODER_FAULT):
             self.breaks(reason, what, f"remove the cause; {acknowledge}")
             return
-        evidence = self._since(cause.record)
+        evidence = self.since(cause.record)
         remedy = f"{emcy_remedy(cause.record.code)}; {acknowledge}"
         self.breaks(reason, f"{what}: {evidence}" if what else evidence, remedy)
 
-    def judge_on(self) -> None:
-        """ON does not count: name what used it up, if that is not acknowledged."""
-        cause, reason = self.item.cause, Reason.NEEDS_OFF
-        self.breaks(reason, "" if cause is None else f"{reason.value}, because of {self._since(cause.record)}")
-
-    def _since(self, record: FaultRecord) -> str:
+    def since(self, record: FaultRecord) -> str:
+        """The text of a fault, and since when."""
         loop = self.item.client.loop
         since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
         return f"{record.text}, since {since:%H:%M:%S}"
@@ -276,11 +272,10 @@ def _judge_command(chain: _Chain, axis: Axis) -> None:
     if held and not axis.powered:
         chain.breaks(Reason.HELD_OFF, f"the PLC sends ON (STW1.0 = 1) and keeps the drive off: {held}")
         return
-    if missing is Reason.NEEDS_OFF:
-        chain.judge_on()
-        return
     if missing is not None:
-        chain.breaks(missing)
+        # What used ON up, if that is not acknowledged.
+        cause = axis.cause if missing is Reason.NEEDS_OFF else None
+        chain.breaks(missing, "" if cause is None else f"{missing.value}, because of {chain.since(cause.record)}")
         return
     chain.passes(Enable.ON_EDGE)
     if reason in _AT_LIMIT:

@@ -57,7 +57,7 @@ class FaultLog:
         self._emergency = 0
         self._entered = 0
         self.count = 0
-        """Faults since the start, without warnings."""
+        """Faults since the start, without warnings: the recorder has it beside each step."""
 
     def enter(self, record: FaultRecord) -> None:
         """Store a fault in the buffer, or a warning in the warning word."""
@@ -72,11 +72,6 @@ class FaultLog:
                 self.buffer.enter(fault, FAULTS_PER_SITUATION if record.of_device else _OWN_PLACES)
         elif record.number not in GATEWAY_FAULTS:
             self._emergency = _warning_mask(record)
-
-    @property
-    def active(self) -> bool:
-        """A fault is not acknowledged."""
-        return bool(self._active)
 
     def acknowledge(self) -> None:
         """The PLC acknowledged and the cause is gone. The gateway's own faults, repeated, have one situation."""

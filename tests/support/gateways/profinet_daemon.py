@@ -186,12 +186,14 @@ class ControllerPlc(Plc):
         self.site, self.daemon, self.loop = site, site.daemon, site.loop
         self.endpoint = PlcEndpoint([item.telegram for item in site.daemon.objects], site.daemon.cycle_ns)
         self.silent = False
+        self._retry = 0
         self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, len(site.daemon.objects) + 1)]
 
     def send(self) -> None:
-        controller, endpoint = self.site.plc, self.endpoint
-        if controller.phase in {Phase.IDLE, Phase.ENDED}:
-            controller.start(self.loop.now())
+        controller, endpoint, now = self.site.plc, self.endpoint, self.loop.now()
+        if controller.phase in {Phase.IDLE, Phase.ENDED} and now >= self._retry:
+            self._retry = now + SECOND
+            controller.start(now)
         provider = controller.provider
         if provider is None:
             return
