@@ -37,8 +37,8 @@ _CAUSES: Final = {
 }
 """The words that the gateway reads before it sends a word."""
 _WORDS: Final = {CONTROLWORD: WordKind.CONTROLWORD, STATUSWORD: WordKind.STATUSWORD}
-_PENDING: Final = {AxisState.STARTING, AxisState.FAULT}
-"""The result of an edge may change: the drive starts, or its fault is acknowledged."""
+_PENDING: Final = {AxisState.STARTING, AxisState.WAITS, AxisState.FAULT}
+"""The result of an edge may change: the drive starts, accepts data, or its fault is acknowledged."""
 _LEAVING: Final = {State.OPERATION_ENABLED, State.FAULT, State.FAULT_REACTION_ACTIVE}
 
 
