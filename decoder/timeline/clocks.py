@@ -150,15 +150,10 @@ def _between(cluster: Sequence[_Distance], cycle_ns: int) -> tuple[int, int]:
     """Offset and uncertainty: effects on CAN come after the offset, causes before it."""
     after = [item.value for item in cluster if item.is_effect]
     before = [item.value for item in cluster if not item.is_effect]
-    if not after or not before:
-        # With one direction only, delay of the gateway and clock offset cannot be separated.
-        lowest = highest = after[int(_OUTLIERS * len(after))] if after else before[-1 - int(_OUTLIERS * len(before))]
-        error_bound = cycle_ns
-    else:
-        ends = after[int(_OUTLIERS * len(after))], before[-1 - int(_OUTLIERS * len(before))]
-        lowest, highest = sorted(ends)
-        is_late = ends[0] < ends[1]  # the recorders' own delays are longer than those between the edges
-        error_bound = (cluster[-1].value - cluster[0].value if is_late else highest - lowest) // 2
+    early, late = after or before, before or after
+    lowest, highest = sorted((early[int(_OUTLIERS * len(early))], late[-1 - int(_OUTLIERS * len(late))]))
+    # With one direction only, delay of the gateway and clock offset cannot be separated.
+    error_bound = (highest - lowest) // 2 if after and before else cycle_ns
     if lowest - cycle_ns // 2 <= 0 <= highest + cycle_ns // 2:
         return 0, max(error_bound, abs(lowest), abs(highest))
     return (lowest + highest) // 2, error_bound

@@ -76,27 +76,22 @@ class ObjectFollower:
             return
         edge = Edge(now, self.axis.do_id, kind, field, before, value)
         self._put(edge)
-        newest = self._newest
-        newest[kind] = edge
-        read = [newest[cause] for cause in _CAUSES.get(kind, ()) if cause in newest]
-        for cause in sorted(read, key=lambda item: item.time_ns, reverse=True):
-            self._link(cause, edge)
+        for other in sorted(self._newest.values(), key=lambda item: item.time_ns, reverse=True):
+            self._link(other, edge)
+            if self._early:  # words of the other bus may seem to come before their cause
+                self._link(edge, other)
+        self._newest[kind] = edge
         if kind is WordKind.CONTROL:
             self._control, self._settling = edge, None
         elif kind is WordKind.CONTROLWORD:
             self._command = edge
         elif kind is WordKind.STATUSWORD:
             self._answered(edge)
-        if self._early and kind not in _CAUSES:
-            # Words of the other bus may seem to come before their cause.
-            for effect in _CAUSES:
-                if effect in newest:
-                    self._link(edge, newest[effect])
 
     def _link(self, cause: Edge, effect: Edge) -> None:
         """The gateway can have read a cause for the newest word that it sends and for no earlier one."""
-        is_in_time = -self._early <= effect.time_ns - cause.time_ns <= self._window
-        if is_in_time and effect.cause is None and effect.kind not in cause.effects:
+        is_read = cause.kind in _CAUSES.get(effect.kind, ()) and effect.kind not in cause.effects
+        if is_read and effect.cause is None and -self._early <= effect.time_ns - cause.time_ns <= self._window:
             effect.cause = cause
             cause.effects.add(effect.kind)
 
