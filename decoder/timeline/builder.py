@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 from pdgw.decoder.frames.canopen.records import CanRecord, NmtRecord
+from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.frames.profinet.records import AlarmRecord, Change, RelationRecord
 from pdgw.decoder.frames.records import AcyclicRecord, BusKind, CyclicRecord, Record, StepRecord
@@ -78,7 +79,7 @@ class TimelineBuilder:
             self._seen.add(record.direction)
             self._exchange.take(record)
         elif isinstance(record, RelationRecord):
-            self._exchange.relate(record)
+            self._exchange.relate(now, record.change, record.connection)
         elif isinstance(record, AlarmRecord):
             self._alarm(record)
         elif isinstance(record, AcyclicRecord) and not self._objects:
@@ -111,8 +112,7 @@ class TimelineBuilder:
 
     def _alarm(self, record: AlarmRecord) -> None:
         if record.ended is not None:
-            self._put(Event(record.time_ns, 0, "PLC", f"relationship {Change.ENDED.value}"))
-            self._exchange.end()
+            self._exchange.relate(record.time_ns, Change.ENDED, record.ended)
         if record.is_notification:
             do_ids = {axis.slot or place: axis.do_id for place, axis in enumerate(self._axes, 1)}
             self._put(Event(record.time_ns, do_ids.get(record.slot, 0), "PLC", record.text))
@@ -199,22 +199,17 @@ class _Exchange:
         self._wrong: list[str] = []
         self._unused = 0
 
-    def relate(self, record: RelationRecord) -> None:
+    def relate(self, now: int, change: Change, connection: Connection) -> None:
         """A PROFINET relationship comes or goes."""
-        change, connection = record.change, record.connection
         if change in {Change.REQUESTED, Change.GRANTED}:
             for counter in self._counters.values():
                 counter.last = None
         if change is Change.REQUESTED:
             return  # the answer names the station
         who = " and ".join(name for name in (connection.controller, connection.station) if name)
-        self._put(Event(record.time_ns, 0, "PLC", f"relationship of {who} {change.value}"))
+        self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
         if change in {Change.ENDED, Change.PAUSED}:
-            self.end()
-
-    def end(self) -> None:
-        """No frame of the PLC is expected."""
-        self._last_ns, self._is_lost = None, False
+            self._last_ns, self._is_lost = None, False  # no frame of the PLC is expected
 
     def take(self, record: CyclicRecord) -> None:
         """A cyclic frame of either direction."""
