@@ -166,7 +166,7 @@ def test_the_keyboard_turns_the_drive_from_a_terminal_which_is_restored(tmp_path
             reader.start()
             try:
                 wait_for(lambda: b"SWITCHING_ON_INHIBITED" in shown, "the drive's first state")
-                for key, text in ((b"e", b"OPERATION_ENABLED"), (b"+", b"10.000 %")):
+                for key, text in ((b"e", b"OPERATION_ENABLED"), (b"+", b"9.998 %")):
                     shown.clear()
                     os.write(master, key)
                     while b"not met" in until_shown(
