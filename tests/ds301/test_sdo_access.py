@@ -11,7 +11,6 @@ from canopen.objectdictionary import ODVariable
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.bus.port import Receiver
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.node.inquiry import Inquiry
@@ -28,7 +27,7 @@ CONFIRMATION = WRITTEN + ADDRESS + bytes(4)
 TIMEOUT_NS = 100 * MS
 
 
-class Site(Receiver):
+class Site:
     """A client, and a node whose answers to a request are those of ``script``."""
 
     def __init__(self, network: CanNetwork) -> None:
