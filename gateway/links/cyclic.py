@@ -108,7 +108,7 @@ class RepeatedLosses:
 
     def finding(self, now: int) -> Finding | None:
         """The reason of all losses, None unless they are repeated."""
-        if now >= self._until:
+        if not self._losses or now >= self._until:
             return None
         cause = self._losses[-1][2]
         if cause is not None:
