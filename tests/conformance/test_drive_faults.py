@@ -12,7 +12,7 @@ import pytest
 
 from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.interlock import Commanded
 from pdgw.gateway.axis.supervision.drive_events import POWERED
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.reasons import Reason
@@ -195,7 +195,7 @@ def test_faulty_axis_does_not_stop_another_one() -> None:
 @pytest.mark.planted
 def test_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     # It does not detect that the drive lost its enable input, and no second safeguard is active.
-    monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, now: drive)
+    monkeypatch.setattr(Commanded, "_changed", lambda self, drive, shown, phase, now: drive)
     monkeypatch.setattr(EnableGuard, "step", lambda self, wish, controlword: True)
     with pytest.raises(AssertionError, match="started by itself"):
         test_gateway_reacts_to_each_fault_of_a_drive(Case("enable-input-dropped", Reaction.STOPS))

@@ -167,7 +167,7 @@ def test_a_capture_without_drives_shows_its_calls(tmp_path: Path, capsys: pytest
 
 def test_timeline_of_a_recording_shows_the_age_of_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ends = 'listen = "192.0.2.1"\npeer = "192.0.2.2"\n'
-    with recorded(gateway_configuration(axis(1), transport=f"{ends}age_limit_ms = 40\n"), tmp_path) as plc:
+    with recorded(gateway_configuration(axis(1), transport=f"{ends}watchdog_factor = 5\n"), tmp_path) as plc:
         Plc(plc.daemon, [1], host="192.0.2.2").enable()
     timeline([recording(tmp_path)])
     (line,) = (line for line in lines(capsys) if line.startswith("age of "))

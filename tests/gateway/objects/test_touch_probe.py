@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.ds301.connection_set import SDO_RESPONSE
-from pdgw.durations import MS
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
-from tests.support.gateways.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.gateways.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running
 
 ON_THE_FLY, ACTIVATE, READ = 0x80, 0x10, 0x20
 ZSW = signal("G1_ZSW")
@@ -72,15 +70,10 @@ def test_a_drive_without_a_touch_probe_is_an_error_of_the_sensor() -> None:
 
 def test_half_an_sdo_answer_about_the_touch_probe_is_an_error_of_the_sensor_and_no_end_of_the_gateway() -> None:
     with running(configuration(axis(1, telegram_number=3))) as daemon:
-        plc, world = Plc(daemon, [3]), world_of(daemon)
+        plc, node = Plc(daemon, [3]), drive_of(daemon).node
         plc.enable()
-        unknown_sender = world.bus("world").join("stranger")
-
-        def answer() -> None:
-            unknown_sender.send(SDO_RESPONSE + 1, bytes((0x4B, 0xB9, 0x60, 0)))
-            world.loop.call_later(MS, answer)
-
-        answer()
+        send = node.send
+        node.send = lambda can_id, data: send(can_id, data[:4] if data[:4] == b"\x4b\xb9\x60\0" else data)
         plc.endpoint.set(0, {"G1_STW": ON_THE_FLY | ACTIVATE | 0b01})
         plc.until(lambda: plc.value("G1_ZSW") & ZSW.bit("ERROR").mask, "error")
         assert plc.value("G1_XIST2") == SensorError.MEASUREMENT_ABORTED
