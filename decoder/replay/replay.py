@@ -27,6 +27,7 @@ from pdgw.profidrive.telegrams import telegram
 _COUNT: Final = "faults"
 """Number of faults since the start, which the machine does not have."""
 _CONTROL: Final = "controlword"
+_SPEED: Final = "target_velocity"
 _MIDDLE: Final = "the recording begins in the middle of a run: a replay needs its start, as `pdgw run --record` has it"
 _CAN_HEAD: Final = struct.Struct(">IB")
 
@@ -262,7 +263,7 @@ class _Object:
 
     def _compared_rpdos(self, now: dict[str, int], before: dict[str, int]) -> Iterator[tuple[str, object, object]]:
         """An RPDO has the values of this step, or of the one before where it waited. A Controlword may wait for other RPDOs, and
-        its new setpoint for other data."""
+        its new setpoint for other data. The speed is 0 until the drive confirms the mode of operation."""
         for names, values in self._sent:
             for name, value in zip(names, values, strict=True):
                 allowed = {now.get(name, value), before.get(name, value)}
@@ -270,6 +271,8 @@ class _Object:
                     allowed.add(self._controlword)
                 if name == _CONTROL:
                     allowed |= {word & ~ControlBit.NEW_SETPOINT for word in allowed}
+                if name == _SPEED:
+                    allowed.add(0)
                 if value not in allowed:
                     yield f"{name} in the RPDO", value, now.get(name)
                 if name == _CONTROL:
