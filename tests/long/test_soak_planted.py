@@ -126,9 +126,12 @@ def test_entry_of_an_older_emcy_counts_only_while_it_is_not_acknowledged() -> No
     pending(5000).read(5400 * MS, 0, [0x8130, *NOTHING[1:]], [1000, *NOTHING[1:]])
     with pytest.raises(ViolationError):
         pending(5000).read(5400 * MS, 0, [*NOTHING[:8], 0x8130, *NOTHING[9:]], [*NOTHING[:8], 1000, *NOTHING[9:]])
-    repeated = PendingEmcys("axis 1")
-    repeated.sent(5000 * MS, EMCY, {0x8130})
-    repeated.read(5400 * MS, 0, [*NOTHING[:8], 0x8130, *NOTHING[9:]], [*NOTHING[:8], 1000, *NOTHING[9:]])
+    for place in (8, 16):  # after one acknowledge, and after two with another fault between
+        repeated = PendingEmcys("axis 1")
+        repeated.sent(5000 * MS, EMCY, {0x8130})
+        codes, times = [*NOTHING], [*NOTHING]
+        codes[place], times[place] = 0x8130, 1000
+        repeated.read(5400 * MS, 0, codes, times)
 
 
 def test_emcy_waits_for_its_bound_and_without_error_register_is_a_warning() -> None:

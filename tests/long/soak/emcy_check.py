@@ -55,9 +55,8 @@ class PendingEmcys:
         full = any(all(codes[at : at + _SITUATION]) for at in range(0, len(codes), _SITUATION))
         oldest = min((time for _, time in entries), default=0) if all(codes[::_SITUATION]) else 0
         for item in due:
-            # An equal fault that is not acknowledged is one entry.
-            places = 2 * _SITUATION if item.repeats else _SITUATION
-            shown = item.code in codes[:places] or any(
+            # An equal fault that is not acknowledged is one entry with the first time. Each acknowledge moves it.
+            shown = item.code in (codes if item.repeats else codes[:_SITUATION]) or any(
                 code == item.code and -_SAME_NS <= time - item.time <= STORED_NS for code, time in entries
             )
             unstored = not shown and not full and item.time >= origin + _LISTENS_NS and item.time > oldest
