@@ -103,7 +103,7 @@ docs: $(STAMP)
 	$(BIN)/python -c "from tests.support.documents import statements; statements.write()"
 	$(BIN)/python -c "from tests.support.documents import situation_table; situation_table.write()"
 	$(BIN)/python -c "from tests.support.documents import stop_times; stop_times.write()"
-	$(BIN)/python -m pdgw.peers.drive.eds
+	$(BIN)/python -m pdgw.peers.drive.objects
 	$(BIN)/python -m pdgw.dsp406.device
 
 # The documents and the API reference as a web site in build/site.

@@ -1,16 +1,75 @@
-"""Communication objects (1000h-1FFFh) of every simulated device.
+"""The pre-defined connection set: COB-IDs of the services of CiA 301, declared once. Those of PDOs are in ``ds301.pdo``.
 
-Source: CiA DS 301 V4.01 chapter 9.6. A device profile adds its own identity values and PDO counts.
+Source: CiA DS 301 V4.02 chapter 7.3.5. A base plus the node-ID is the COB-ID of that node's service.
 """
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
-from pdgw.ds301.connection_set import EMCY, SYNC
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+
+NODE_IDS: Final = range(1, 128)
+
+NMT: Final = 0x000
+SYNC: Final = 0x080
+EMCY: Final = 0x080
+"""Base: 081h to 0FFh."""
+TIME: Final = 0x100
+SDO_RESPONSE: Final = 0x580
+"""Base: from the server."""
+SDO_REQUEST: Final = 0x600
+"""Base: to the server."""
+ERROR_CONTROL: Final = 0x700
+"""Base: heartbeat, boot-up and node guarding."""
+
+
+# NMT states and commands, once.
+#
+# Source: CiA DS 301 V4.02 chapters 7.2.8.2 (commands) and 7.2.8.3.2 (states in the heartbeat).
+
+
+HEARTBEAT_STATE: Final = 0x7F
+"""The bits of a heartbeat that hold the state."""
+GUARD_TOGGLE: Final = 0x80
+"""Bit 7 of a heartbeat is reserved, and alternates in the answers of node guarding."""
+
+
+class NmtState(enum.IntEnum):
+    """NMT states as the heartbeat shows them."""
+
+    BOOT_UP = 0
+    STOPPED = 4
+    OPERATIONAL = 5
+    PRE_OPERATIONAL = 127
+
+    @staticmethod
+    def text(state: int) -> str:
+        """Name of a state in a heartbeat, such as "Pre-operational"; its number for one that the standard does not have."""
+        return NmtState(state).name.replace("_", "-").capitalize() if state in NMT_STATES else f"{state:02X}h"
+
+
+NMT_STATES: Final = frozenset(NmtState)
+
+
+class NmtCommand(enum.IntEnum):
+    """NMT command specifiers."""
+
+    START = 1
+    STOP = 2
+    ENTER_PRE_OPERATIONAL = 128
+    RESET_NODE = 129
+    RESET_COMMUNICATION = 130
+
+
+# Communication objects (1000h-1FFFh) of every simulated device.
+#
+# Source: CiA DS 301 V4.01 chapter 9.6. A device profile adds its own identity values and PDO counts.
+
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST
 U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32

@@ -14,7 +14,7 @@ from functools import cache
 from types import CodeType
 from typing import Any, Final
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.objects import Entry
 
 PDO_BYTES = 8

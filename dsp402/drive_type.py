@@ -1,10 +1,4 @@
-"""The type of a drive as one frozen value: objects with their limits, scaling, modes, homing methods, PDO capabilities, faults
-and quirks.
-
-Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). ``dsp402.identification.describe`` makes it from the data
-sheet, the answers of the device, the configuration and the overlay of its family (``dsp402.identification.overlay``).
-Executors read every difference between drives from here. Unknown values are refused by name, never assumed.
-"""
+"""The one error root of this package."""
 
 from __future__ import annotations
 
@@ -14,10 +8,50 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Final
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.objects import Entry, ObjectAddress
-from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
+
+
+class Dsp402Error(CanopenError):
+    """A drive fault or unusable drive data: names the field, the value and what would have been allowed."""
+
+
+# A manufacturer's fault numbers and their channel error types; the tables are in the overlays (``dsp402/families``).
+
+
+class ChannelErrorType(enum.Enum):
+    """PROFINET channel error types used for the drive's faults: (number, text)."""
+
+    SHORT_CIRCUIT = (0x0001, "short circuit")
+    UNDERVOLTAGE = (0x0002, "undervoltage")
+    OVERVOLTAGE = (0x0003, "overvoltage")
+    OVER_TEMPERATURE = (0x0005, "over temperature")
+    ERROR = (0x0009, "error")
+
+    def __init__(self, code: int, text: str) -> None:
+        self.code = code
+        self.text = text
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFault:
+    """A fault of the drive: the manufacturer's number, EMCY error code (603Fh) and error register bits (1001h)."""
+
+    number: int
+    name: str
+    error_code: int
+    error_register: int
+    channel_error: ChannelErrorType
+
+
+# The type of a drive as one frozen value: objects with their limits, scaling, modes, homing methods, PDO capabilities, faults
+# and quirks.
+#
+# Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). ``dsp402.identification.describe`` makes it from the data
+# sheet, the answers of the device, the configuration and the overlay of its family (``dsp402.identification.overlay``).
+# Executors read every difference between drives from here. Unknown values are refused by name, never assumed.
+
 
 POSITIONS: Final = 1 << 32
 """Number of values of 6064h."""

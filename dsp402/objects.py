@@ -1,8 +1,6 @@
-"""The object catalogue of CiA 402 drives, declared once.
+"""Indices of CiA 402 objects that are used by name. Objects with a value in an image are found by its attribute.
 
-Source: CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits come from the data sheet of a device
-(``dsp402.identification.describe``). A manufacturer's objects and special units are in the overlay of its family
-(``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and decoder use this table.
+Source: CiA 402-2.
 """
 
 from __future__ import annotations
@@ -13,34 +11,68 @@ from typing import Final
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array, var
-from pdgw.dsp402.indices import (
-    ABORT_OPTION,
-    FAULT_REACTION_OPTION,
-    HOME_OFFSET,
-    HOMING_ACCELERATION,
-    HOMING_SPEEDS,
-    INTERPOLATION_TIME,
-    MAX_ACCELERATION,
-    MAX_CURRENT,
-    MAX_DECELERATION,
-    MAX_MOTOR_SPEED,
-    MAX_PROFILE_VELOCITY,
-    MOTION_PROFILE_TYPE,
-    POSITION_ACTUAL,
-    POSITION_RANGE_LIMIT,
-    POSITION_WINDOW,
-    PROFILE_ACCELERATION,
-    PROFILE_DECELERATION,
-    QUICK_STOP_DECELERATION,
-    QUICK_STOP_OPTION,
-    SUPPORTED_DRIVE_MODES,
-    TARGET_POSITION,
-    TARGET_TORQUE,
-    TARGET_VELOCITY,
-    VELOCITY_ENCODER_FACTOR,
-    VELOCITY_THRESHOLD,
-    VELOCITY_WINDOW,
-)
+
+ABORT_OPTION: Final = 0x6007
+VL_TARGET_VELOCITY: Final = 0x6042
+VL_MIN_MAX: Final = 0x6046
+VL_ACCELERATION: Final = 0x6048
+VL_DECELERATION: Final = 0x6049
+VL_QUICK_STOP: Final = 0x604A
+VL_SETPOINT_FACTOR: Final = 0x604B
+VL_DIMENSION_FACTOR: Final = 0x604C
+QUICK_STOP_OPTION: Final = 0x605A
+FAULT_REACTION_OPTION: Final = 0x605E
+POSITION_ACTUAL: Final = 0x6064
+POSITION_WINDOW: Final = 0x6067
+VELOCITY_WINDOW: Final = 0x606D
+VELOCITY_THRESHOLD: Final = 0x606F
+TARGET_TORQUE: Final = 0x6071
+MAX_CURRENT: Final = 0x6073
+TARGET_POSITION: Final = 0x607A
+POSITION_RANGE_LIMIT: Final = 0x607B
+HOME_OFFSET: Final = 0x607C
+SOFTWARE_POSITION_LIMIT: Final = 0x607D
+POLARITY: Final = 0x607E
+MAX_PROFILE_VELOCITY: Final = 0x607F
+MAX_MOTOR_SPEED: Final = 0x6080
+PROFILE_ACCELERATION: Final = 0x6083
+PROFILE_DECELERATION: Final = 0x6084
+QUICK_STOP_DECELERATION: Final = 0x6085
+MOTION_PROFILE_TYPE: Final = 0x6086
+POSITION_NOTATION: Final = 0x6089
+POSITION_DIMENSION: Final = 0x608A
+VELOCITY_NOTATION: Final = 0x608B
+VELOCITY_DIMENSION: Final = 0x608C
+ACCELERATION_NOTATION: Final = 0x608D
+ACCELERATION_DIMENSION: Final = 0x608E
+POSITION_ENCODER_RESOLUTION: Final = 0x608F
+VELOCITY_ENCODER_RESOLUTION: Final = 0x6090
+GEAR_RATIO: Final = 0x6091
+FEED_CONSTANT: Final = 0x6092
+POSITION_FACTOR: Final = 0x6093
+VELOCITY_ENCODER_FACTOR: Final = 0x6094
+VELOCITY_FACTOR: Final = 0x6096
+ACCELERATION_FACTOR: Final = 0x6097
+HOMING_SPEEDS: Final = 0x6099
+HOMING_ACCELERATION: Final = 0x609A
+SI_UNIT_POSITION: Final = 0x60A8
+SI_UNIT_VELOCITY: Final = 0x60A9
+SI_UNIT_ACCELERATION: Final = 0x60AA
+INTERPOLATION_TIME: Final = 0x60C2
+MAX_ACCELERATION: Final = 0x60C5
+MAX_DECELERATION: Final = 0x60C6
+SUPPORTED_HOMING_METHODS: Final = 0x60E3
+POSITIONING_OPTION: Final = 0x60F2
+TARGET_VELOCITY: Final = 0x60FF
+SUPPORTED_DRIVE_MODES: Final = 0x6502
+
+
+# The object catalogue of CiA 402 drives, declared once.
+#
+# Source: CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits come from the data sheet of a device
+# (``dsp402.identification.describe``). A manufacturer's objects and special units are in the overlay of its family
+# (``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and decoder use this table.
+
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST
 I8, I16, I32 = CanType.I8, CanType.I16, CanType.I32

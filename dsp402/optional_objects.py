@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
-from pdgw.dsp402 import indices
+from pdgw.dsp402 import objects
 from pdgw.dsp402.identification.overlay import entries_of
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 
@@ -24,44 +24,44 @@ def _ratio(index: int, name: str, first: str, second: str, type_: CanType = _U32
 
 
 FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
-    var(indices.VL_TARGET_VELOCITY, "vl target velocity", _I16, _RW, pdo=True, attribute="target_velocity"),
+    var(objects.VL_TARGET_VELOCITY, "vl target velocity", _I16, _RW, pdo=True, attribute="target_velocity"),
     var(0x6043, "vl velocity demand", _I16, _RO, pdo=True, attribute="velocity_demand"),
     var(0x6044, "vl velocity actual value", _I16, _RO, pdo=True, attribute="velocity_actual"),
-    _ratio(indices.VL_MIN_MAX, "vl velocity min max amount", "Minimum", "Maximum"),
-    _ratio(indices.VL_ACCELERATION, "vl velocity acceleration", "Delta speed", "Delta time"),
-    _ratio(indices.VL_DECELERATION, "vl velocity deceleration", "Delta speed", "Delta time"),
-    _ratio(indices.VL_SETPOINT_FACTOR, "vl setpoint factor", "Numerator", "Denominator", _I16),
-    _ratio(indices.VL_DIMENSION_FACTOR, "vl dimension factor", "Numerator", "Denominator", _I32),
-    _ratio(indices.SOFTWARE_POSITION_LIMIT, "Software position limit", "Minimum", "Maximum", _I32),
-    var(indices.POLARITY, "Polarity", _U8),
-    var(indices.POSITION_NOTATION, "Position notation index", _I8),
-    var(indices.POSITION_DIMENSION, "Position dimension index", _U8),
-    var(indices.VELOCITY_NOTATION, "Velocity notation index", _I8),
-    var(indices.VELOCITY_DIMENSION, "Velocity dimension index", _U8),
-    var(indices.ACCELERATION_NOTATION, "Acceleration notation index", _I8),
-    var(indices.ACCELERATION_DIMENSION, "Acceleration dimension index", _U8),
+    _ratio(objects.VL_MIN_MAX, "vl velocity min max amount", "Minimum", "Maximum"),
+    _ratio(objects.VL_ACCELERATION, "vl velocity acceleration", "Delta speed", "Delta time"),
+    _ratio(objects.VL_DECELERATION, "vl velocity deceleration", "Delta speed", "Delta time"),
+    _ratio(objects.VL_SETPOINT_FACTOR, "vl setpoint factor", "Numerator", "Denominator", _I16),
+    _ratio(objects.VL_DIMENSION_FACTOR, "vl dimension factor", "Numerator", "Denominator", _I32),
+    _ratio(objects.SOFTWARE_POSITION_LIMIT, "Software position limit", "Minimum", "Maximum", _I32),
+    var(objects.POLARITY, "Polarity", _U8),
+    var(objects.POSITION_NOTATION, "Position notation index", _I8),
+    var(objects.POSITION_DIMENSION, "Position dimension index", _U8),
+    var(objects.VELOCITY_NOTATION, "Velocity notation index", _I8),
+    var(objects.VELOCITY_DIMENSION, "Velocity dimension index", _U8),
+    var(objects.ACCELERATION_NOTATION, "Acceleration notation index", _I8),
+    var(objects.ACCELERATION_DIMENSION, "Acceleration dimension index", _U8),
     _ratio(
-        indices.POSITION_ENCODER_RESOLUTION, "Position encoder resolution", "Encoder increments", "Motor revolutions"
+        objects.POSITION_ENCODER_RESOLUTION, "Position encoder resolution", "Encoder increments", "Motor revolutions"
     ),
     _ratio(
-        indices.VELOCITY_ENCODER_RESOLUTION,
+        objects.VELOCITY_ENCODER_RESOLUTION,
         "Velocity encoder resolution",
         "Encoder increments per second",
         "Motor revolutions per second",
     ),
-    _ratio(indices.GEAR_RATIO, "Gear ratio", "Motor revolutions", "Shaft revolutions"),
-    _ratio(indices.FEED_CONSTANT, "Feed constant", "Feed", "Shaft revolutions"),
-    _ratio(indices.POSITION_FACTOR, "Position factor", "Numerator", "Divisor"),
-    _ratio(indices.VELOCITY_FACTOR, "Velocity factor", "Numerator", "Divisor"),
-    _ratio(indices.ACCELERATION_FACTOR, "Acceleration factor", "Numerator", "Divisor"),
-    var(indices.SI_UNIT_POSITION, "SI unit position", _U32),
-    var(indices.SI_UNIT_VELOCITY, "SI unit velocity", _U32),
-    var(indices.SI_UNIT_ACCELERATION, "SI unit acceleration", _U32),
+    _ratio(objects.GEAR_RATIO, "Gear ratio", "Motor revolutions", "Shaft revolutions"),
+    _ratio(objects.FEED_CONSTANT, "Feed constant", "Feed", "Shaft revolutions"),
+    _ratio(objects.POSITION_FACTOR, "Position factor", "Numerator", "Divisor"),
+    _ratio(objects.VELOCITY_FACTOR, "Velocity factor", "Numerator", "Divisor"),
+    _ratio(objects.ACCELERATION_FACTOR, "Acceleration factor", "Numerator", "Divisor"),
+    var(objects.SI_UNIT_POSITION, "SI unit position", _U32),
+    var(objects.SI_UNIT_VELOCITY, "SI unit velocity", _U32),
+    var(objects.SI_UNIT_ACCELERATION, "SI unit acceleration", _U32),
     array(
-        indices.SUPPORTED_HOMING_METHODS,
+        objects.SUPPORTED_HOMING_METHODS,
         "Supported homing methods",
         *(
-            Entry(indices.SUPPORTED_HOMING_METHODS, sub, f"Homing method {sub}", _I8, _RO)
+            Entry(objects.SUPPORTED_HOMING_METHODS, sub, f"Homing method {sub}", _I8, _RO)
             for sub in range(1, _METHODS + 1)
         ),
     ),

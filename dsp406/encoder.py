@@ -15,7 +15,7 @@ import canopen
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
-from pdgw.ds301.eds.data_sheet import load_dictionary
+from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.node.client import ACYCLIC_FAILURES, SHORTEST_EMCY, NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
@@ -25,10 +25,9 @@ from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.device import eds_path
-from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_EMCY
-from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters
-from pdgw.dsp406.kinds import ENCODER_PROFILE, ROTARY, EncoderDevice
+from pdgw.dsp406.images import CYCLIC, PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters, encoder_layout
+from pdgw.dsp406.kinds import ENCODER_PROFILE, ROTARY, Dsp406Error, EncoderDevice
 from pdgw.dsp406.objects import (
     ALARMS,
     CYCLIC_TIMER,
@@ -36,7 +35,6 @@ from pdgw.dsp406.objects import (
     POSITION_MULTI_SENSOR,
     WARNINGS,
 )
-from pdgw.dsp406.pdo import CYCLIC, encoder_layout
 from pdgw.durations import MS
 
 EncoderEvent = NodeEvent

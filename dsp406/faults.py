@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from pdgw.dsp406.registers import Alarm, Warnings
+from pdgw.dsp406.kinds import Alarm, Warnings
 
 MEMORY_ERROR = 0x5100
 """The error code of a hardware memory error."""

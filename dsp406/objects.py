@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array
-from pdgw.dsp406.kinds import LINEAR_TYPES, EncoderDevice, EncoderType
-from pdgw.dsp406.registers import Alarm, Warnings
+from pdgw.dsp406.kinds import LINEAR_TYPES, Alarm, EncoderDevice, EncoderType, Warnings
 
 RO, RW = Access.RO, Access.RW
 U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dask.distributed import Client, as_completed
 
-from pdgw.decoder.export.archive import ArchiveOptions, captures_of, write_part
+from pdgw.tools.decoder.export.archive import ArchiveOptions, captures_of, write_part
 
 
 def main() -> None:

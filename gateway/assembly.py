@@ -14,7 +14,7 @@ from pdgw.gateway.daemon import Daemon, Service
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.acyclic import record_service
 from pdgw.gateway.platform import Platform
-from pdgw.gateway.service.service_manager import ServiceManager
+from pdgw.gateway.service.operating_system import ServiceManager
 from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.trace.place import prepared, run_directory
 from pdgw.gateway.trace.recorder import FlightRecorder

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.connection_set import SYNC
+from pdgw.ds301.communication import SYNC
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
@@ -27,7 +27,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.errors import PdgwError
 from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.tables.environment import CanConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import IDLE_NS
 from pdgw.gateway.links.link import Link, UdpLink
@@ -196,7 +196,7 @@ class Daemon:
         if transport.type == "profinet":
             # Imported here: the other transport starts without it.
             from pdgw.gateway.links.profinet.ethernet import RawEthernet  # noqa: PLC0415
-            from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415
+            from pdgw.gateway.links.profinet.io_device import ProfinetLink  # noqa: PLC0415
 
             interface = transport.interface or ""
             port = RawEthernet(self.loop, interface) if ethernet is None else ethernet

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from pdgw.errors import PdgwError
@@ -19,3 +19,30 @@ def writing(what: object) -> Iterator[None]:
         yield
     except OSError as error:
         raise GatewayError(f"{what}: cannot be written ({error.strerror or error})") from error
+
+
+# Format versions of the files that the gateway writes and reads again: configuration, parameter store, dump, recording.
+#
+# A version rises when an older gateway would read the file wrongly or not at all. Every gateway reads the files of all
+# releases from 0.9.0 on (tests/formats). A file of a newer version is rejected and stays as it is: a downgrade loses nothing.
+
+
+def problem(version: int, newest: int) -> str:
+    """Why a file of this version cannot be read; empty when it can."""
+    if 1 <= version <= newest:
+        return ""
+    return (
+        f"format version {version} is unknown, this gateway reads 1 to {newest}: use the gateway that wrote "
+        "the file, or a newer one"
+    )
+
+
+def at_most(newest: int) -> Callable[[int], int]:
+    """The same as a validator of pydantic."""
+
+    def check(version: int) -> int:
+        if text := problem(version, newest):
+            raise ValueError(text)
+        return version
+
+    return check

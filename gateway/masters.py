@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST
+from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.durations import MS
 

@@ -13,7 +13,7 @@ from typing import Any
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.durations import MS, US
 from pdgw.gateway.axis.executors.dsc import DscExecutor
-from pdgw.gateway.motion.dsc import KPC_PER_UNIT, DscForm
+from pdgw.gateway.motion.dsc_setpoint import KPC_PER_UNIT, DscForm
 from pdgw.gateway.objects.axis import Axis
 
 _KEPT = 1024

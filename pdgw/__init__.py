@@ -9,13 +9,8 @@ TYPE_CHECKING = False  # as in typing, without importing it: Ctrl-C during that 
 if TYPE_CHECKING:
     from typing import Any
 
-    from pdgw.client.session import read_parameters
-    from pdgw.decoder.capture.reading import read_records
-    from pdgw.decoder.export.archive import read_table
-    from pdgw.decoder.frames.recognise import recognise
-    from pdgw.decoder.frames.records import Record
+    from pdgw.ds301.aborts import CanopenError
     from pdgw.ds301.eds.importer import import_eds
-    from pdgw.ds301.errors import CanopenError
     from pdgw.errors import PdgwError
     from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.axis.telegrams import add_telegram
@@ -27,6 +22,11 @@ if TYPE_CHECKING:
     from pdgw.profidrive.errors import ProfidriveError
     from pdgw.profidrive.signals import Signal, signal
     from pdgw.profidrive.telegrams import Telegram, telegram
+    from pdgw.tools.client.session import read_parameters
+    from pdgw.tools.decoder.capture.source import read_records
+    from pdgw.tools.decoder.export.archive import read_table
+    from pdgw.tools.decoder.frames.recognise import recognise
+    from pdgw.tools.decoder.frames.records import Record
 
     __version__: str
 
@@ -59,7 +59,7 @@ __all__ = [
 ]
 
 _ROOMS = {
-    "CanopenError": "ds301.errors",
+    "CanopenError": "ds301.aborts",
     "Daemon": "gateway.daemon",
     "Gateway": "peers.world",
     "GatewayConfig": "gateway.configuration.config",
@@ -67,7 +67,7 @@ _ROOMS = {
     "PdgwError": "errors",
     "Plc": "peers.world",
     "ProfidriveError": "profidrive.errors",
-    "Record": "decoder.frames.records",
+    "Record": "tools.decoder.frames.records",
     "Signal": "profidrive.signals",
     "Telegram": "profidrive.telegrams",
     "World": "peers.world",
@@ -77,10 +77,10 @@ _ROOMS = {
     "import_eds": "ds301.eds.importer",
     "load_config": "gateway.configuration.file",
     "parse_config": "gateway.configuration.file",
-    "read_parameters": "client.session",
-    "read_records": "decoder.capture.reading",
-    "read_table": "decoder.export.archive",
-    "recognise": "decoder.frames.recognise",
+    "read_parameters": "tools.client.session",
+    "read_records": "tools.decoder.capture.source",
+    "read_table": "tools.decoder.export.archive",
+    "recognise": "tools.decoder.frames.recognise",
     "signal": "profidrive.signals",
     "telegram": "profidrive.telegrams",
 }

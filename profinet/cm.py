@@ -12,7 +12,7 @@ from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.alarms.diagnosis import AlarmSource, Diagnosis
-from pdgw.profinet.blocks.connect import (
+from pdgw.profinet.blocks.connect_blocks import (
     ADVANCED_STARTUP,
     LT_RT,
     AlarmCrBlockRes,

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from pdgw.gateway.service.build import COMPILED, kind
-from pdgw.recording import background_writer
+from pdgw.tools.recording import background_writer
 from tests.support.buses import PATIENCE_S
 from tests.support.logs import log_put_back
 

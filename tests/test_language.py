@@ -204,7 +204,7 @@ def test_the_messages_have_no_word_of_the_list(package: str) -> None:
 
 
 def test_the_page_has_no_word_of_the_list() -> None:
-    folder = ROOT / "web/static"
+    folder = ROOT / "tools/web/static"
     wrong = [
         f"{path.relative_to(ROOT)}:{line}: {found}: {text[:90]}"
         for path in sorted([*folder.glob("*.html"), *folder.glob("*.js"), *(folder / "views").glob("*.js")])

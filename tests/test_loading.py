@@ -79,11 +79,11 @@ _NOT_FOR_HELP = {*_HEAVY, "importlib.metadata", "pydantic"}
 """What starting to work loads, such as the conversion of an option, and printing the help does not."""
 _OF_COMMANDS = (
     *(
-        "pdgw.decoder",
+        "pdgw.tools.decoder",
         "pdgw.dsp402.drive",
         "pdgw.gateway.axis",
         "pdgw.gateway.configuration.config",
-        "pdgw.gateway.configuration.tables.positioner",
+        "pdgw.gateway.configuration.devices",
         "pdgw.gateway.daemon",
     ),
     *(
@@ -92,7 +92,7 @@ _OF_COMMANDS = (
         "pdgw.gateway.reasons",
         "pdgw.peers",
         "pdgw.profinet.device",
-        "pdgw.web",
+        "pdgw.tools.web",
         "tests.long",
     ),
 )
@@ -131,10 +131,10 @@ def test_package_and_commands_import_only_what_they_need() -> None:
         products = {name for name in modules if any(name == top or name.startswith(f"{top}.") for top in _OF_COMMANDS)}
         assert products <= _WORDS_OF_HELP
     assert not decoding & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}
-    # The daemon loads no decoder and only the transport it has.
+    # The daemon loads no tools.decoder and only the transport it has.
     (daemon,) = python("import sys, pdgw.gateway.assembly; print(*sys.modules)")
     assert "pdgw.gateway.daemon" in daemon
-    other = {"pdgw.decoder.frames.engine", "pdgw.gateway.links.profinet.link", "pdgw.profinet.device"}
+    other = {"pdgw.tools.decoder.frames.engine", "pdgw.gateway.links.profinet.io_device", "pdgw.profinet.device"}
     assert not daemon & ({"scapy", "matplotlib"} | other)
     # Axis machine and motion are there where no bus, socket, clock, thread or log exists.
     python(f"import sys; sys.modules.update(dict.fromkeys({_IMPURE!r})); import {', '.join(_PURE)}")

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import pdgw
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from tests.support.documents.sources import ROOMS

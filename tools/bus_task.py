@@ -11,9 +11,9 @@ from typing import TypeVar
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.loop.loop import Loop
-from pdgw.gateway.configuration.tables.environment import CanConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.platform import Platform, SystemPlatform
-from pdgw.tools.log_level import quiet
+from pdgw.tools.options import quiet
 
 T = TypeVar("T")
 

@@ -15,12 +15,12 @@ from typing import Annotated, Final, NoReturn
 
 import typer
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import printable
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.command_table import COMMANDS, Entry, lazy_group
-from pdgw.tools.termination import INTERRUPTED
+from pdgw.tools.options import INTERRUPTED
 
 _NO_MORE_OUTPUT: Final = (errno.ENOSPC, errno.EIO, errno.EPIPE)
 """Errors of standard output: the disk is full, or the reader has closed the pipe."""

@@ -17,11 +17,11 @@ from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.text import Text
 
-from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
+from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
-from pdgw.peers.plc.exchange.view import line_of, tables
-from pdgw.tools.keys import read_keys, single_keys
+from pdgw.peers.plc.exchange.following import line_of, tables
+from pdgw.tools.options import read_keys, single_keys
 
 _MESSAGES_MAX = 5
 """Number of messages on the screen."""

@@ -14,14 +14,13 @@ from typing import Final
 
 import can
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC, NmtState
+from pdgw.ds301.loop.jobs import Turns
 from pdgw.ds301.loop.loop import Loop, Timer
-from pdgw.ds301.loop.turns import Turns
-from pdgw.ds301.nmt import NmtState
 from pdgw.durations import MS
 
 log = logging.getLogger("gateway")

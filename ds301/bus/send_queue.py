@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from pdgw.ds301.connection_set import NMT
+from pdgw.ds301.communication import NMT
 
 _LIMIT: Final = 256
 """Frames that may wait in one ``FrameQueue``."""

@@ -1,17 +1,12 @@
-"""Import of EDS and DCF files as they are found in the field: repaired, then read by canopen's own importer.
-
-Source: CiA 306 V1.3, CiA 301 (object codes, data types). What canopen's importer cannot read is repaired, or left out, and
-listed with its line. Compact sub-objects and compact PDOs are written out, which is not a repair; lists and counts follow the
-objects. A file is rejected if its identity or the type of an object is missing or has two meanings. Not here: type definitions
-(DEFTYPE, DEFSTRUCT) and modules; unused sections are kept.
-"""
+"""The data sheet of a node: its object dictionary from an EDS or DCF, with errors a user can act on."""
 
 from __future__ import annotations
 
 import configparser
 import io
+import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from os import PathLike
@@ -20,8 +15,8 @@ from pathlib import Path
 import canopen
 from canopen.objectdictionary import eds
 
-from pdgw.ds301.communication import pdo_objects
-from pdgw.ds301.connection_set import NODE_IDS
+from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.communication import NODE_IDS, pdo_objects
 from pdgw.ds301.eds.text import EdsError, Item, Problem, Repair, Report, Section, decode, parse
 from pdgw.ds301.eds.values import (
     DATA_TYPES,
@@ -37,6 +32,38 @@ from pdgw.ds301.eds.writer import Texts, object_lists, object_texts, text_of
 from pdgw.ds301.objects import COMMUNICATION_AREA
 from pdgw.ds301.pdo import PDOS_MAX, PdoDirection, is_communication_parameter, is_mapping_parameter
 from pdgw.files import read_file
+
+log = logging.getLogger("gateway")
+
+
+def load_dictionary(
+    path: Path, node_id: int, needed: Sequence[int], device: str, error_type: type[CanopenError] = CanopenError
+) -> canopen.ObjectDictionary:
+    """The object dictionary of an EDS/DCF, its repairs logged.
+
+    Raises ``error_type``, naming the file and what is wrong with it: not readable, not valid, or without one of the objects
+    ``needed`` that make it the data sheet of ``device``.
+    """
+    try:
+        imported = import_eds(path, node_id)
+    except EdsError as error:
+        raise error_type("EDS", str(path), f"a usable EDS or DCF ({error})") from error
+    if imported.repairs:
+        log.info("%s: %d repairs; list them with pdgw drives", path, len(imported.repairs))
+    dictionary = imported.dictionary
+    for index in needed:
+        if index not in dictionary:
+            raise error_type("EDS", str(path), f"a data sheet of {device} with object {index:04X}h")
+    return dictionary
+
+
+# Import of EDS and DCF files as they are found in the field: repaired, then read by canopen's own importer.
+#
+# Source: CiA 306 V1.3, CiA 301 (object codes, data types). What canopen's importer cannot read is repaired, or left out, and
+# listed with its line. Compact sub-objects and compact PDOs are written out, which is not a repair; lists and counts follow
+# the objects. A file is rejected if its identity or the type of an object is missing or has two meanings. Not here: type
+# definitions (DEFTYPE, DEFSTRUCT) and modules; unused sections are kept.
+
 
 MAX_SIZE = 4 << 20
 """Bytes; the largest data sheets are a few hundred kilobytes."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.eds.values import same_value
-from pdgw.ds301.errors import CanopenError
 from pdgw.phrases import printable
 
 

@@ -17,16 +17,27 @@ from typing import ClassVar, Final, Generic, Self, TypeVar
 
 import canopen
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.bus.network import UNUSED, CanNetwork, PdoCallback
-from pdgw.ds301.communication import DEVICE_TYPE, EMCY_COB_ID, ERROR_REGISTER
+from pdgw.ds301.communication import (
+    DEVICE_TYPE,
+    EMCY,
+    EMCY_COB_ID,
+    ERROR_CONTROL,
+    ERROR_REGISTER,
+    GUARD_TOGGLE,
+    HEARTBEAT_STATE,
+    NMT,
+    NMT_STATES,
+    SDO_REQUEST,
+    NmtCommand,
+    NmtState,
+)
 from pdgw.ds301.configuration import SdoStep
-from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST
 from pdgw.ds301.emcy import emcy_text, error_register_text
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
-from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand, NmtState
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.doubles import FrameRate
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot

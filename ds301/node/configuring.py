@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 
 import canopen
 
-from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.aborts import Abort, CanopenError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import IDENTITY, profile_of
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, has_effect
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import CanType

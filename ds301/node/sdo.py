@@ -11,10 +11,9 @@ from typing import Final, TypeVar
 
 import canopen
 
-from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.aborts import Abort, CanopenError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.communication import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.doubles import SecondAnswers
 from pdgw.ds301.objects import CanType

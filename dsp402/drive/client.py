@@ -26,7 +26,7 @@ from pdgw.ds301.communication import (
     profile_of,
 )
 from pdgw.ds301.configuration import SdoStep
-from pdgw.ds301.eds.data_sheet import load_dictionary
+from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeStatus
@@ -34,34 +34,31 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.sdo_transfer import SdoAbortedError
-from pdgw.dsp402.drive.configuration import interpolation_steps
-from pdgw.dsp402.drive.guarding import Guarding, guard
+from pdgw.dsp402.drive.checks import ModeCheck, TpdoCheck, UnitCheck
+from pdgw.dsp402.drive.guarding import Guarding, guard, interpolation_steps
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
-from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.drive.own_values import OwnValueKeeper
 from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.dsp402.drive.settings import DriveSettings
-from pdgw.dsp402.drive.tpdo_check import TpdoCheck
-from pdgw.dsp402.drive.unit_check import UnitCheck
-from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, describe, questions, signed
 from pdgw.dsp402.identification.generic import dictionary_of, generic_dictionary
-from pdgw.dsp402.indices import INTERPOLATION_TIME, POSITIONING_OPTION
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import (
     CONTROLWORD,
     DRIVE_PROFILE,
     HOMING_METHOD,
+    INTERPOLATION_TIME,
     MAX_TORQUE,
     MODE,
     MODE_DISPLAY,
+    POSITIONING_OPTION,
     STATUSWORD,
 )
-from pdgw.dsp402.pdo.mapping import DriveMapping
+from pdgw.dsp402.pdo.planner import DriveMapping
 from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, State, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
-from pdgw.dsp402.units.unit_watch import UnitWatch
+from pdgw.dsp402.units.units import UnitWatch
 from pdgw.durations import MS, US_PER_MS
 
 DriveStatus = NodeStatus

@@ -13,9 +13,8 @@ from typing import Final
 
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.sdo_transfer import SdoAbortedError
-from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.indices import HOMING_SPEEDS
-from pdgw.dsp402.objects import MAX_TORQUE
+from pdgw.dsp402.drive_type import Dsp402Error
+from pdgw.dsp402.objects import HOMING_SPEEDS, MAX_TORQUE
 
 _COMMANDED_BY_SDO: Final = frozenset({MAX_TORQUE, (HOMING_SPEEDS, 1), (HOMING_SPEEDS, 2)})
 """Objects that the gateway commands by SDO in operation, and other telegrams leave to the drive."""

@@ -15,8 +15,8 @@ from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
+from pdgw.dsp402.drive.checks import ModeCheck
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
-from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE
 from pdgw.dsp402.states import ControlBit, FaultReset
 from pdgw.durations import MS

@@ -9,7 +9,7 @@ from pdgw.ds301.node.node import NodeSettings
 from pdgw.dsp402.drive.guarding import GuardTimes
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.units.unit_keys import UnitKeys
+from pdgw.dsp402.units.mechanics import UnitKeys
 
 _CYCLIC_MODES: Final = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY)
 

@@ -19,7 +19,11 @@ from pdgw.ds301.objects import Access, CanType, Entry, ObjectAddress
 from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
 from pdgw.dsp402.identification.overlay import Overlay, overlay, overlay_for, units_of
-from pdgw.dsp402.indices import (
+from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
+from pdgw.dsp402.objects import (
+    DRIVE_OBJECTS,
+    FAMILY_VALUES,
+    MAX_TORQUE,
     POSITION_WINDOW,
     SUPPORTED_DRIVE_MODES,
     SUPPORTED_HOMING_METHODS,
@@ -28,13 +32,10 @@ from pdgw.dsp402.indices import (
     TARGET_VELOCITY,
     VL_TARGET_VELOCITY,
 )
-from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
 from pdgw.dsp402.optional_objects import VL_ENTRIES
 from pdgw.dsp402.pdo.layouts import LAYOUTS
-from pdgw.dsp402.units.mechanics import POSITION_OBJECTS
+from pdgw.dsp402.units.mechanics import POSITION_OBJECTS, UnitKeys
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS, find_scaling
-from pdgw.dsp402.units.unit_keys import UnitKeys
 
 _NO_WINDOW = 0xFFFF_FFFF
 """6067h of a drive that does not use it."""

@@ -1,7 +1,4 @@
-"""Describe a CiA 402 drive without a data sheet: read from the device which objects of the profile it has.
-
-Source: CiA 301 and CiA 402. Types and PDO mapping flags are those of the profile; a device that differs needs its EDS.
-"""
+"""Identify a drive by SDO uploads; nothing is written. Source: CiA 301 (SDO upload), CiA 402."""
 
 from __future__ import annotations
 
@@ -13,9 +10,11 @@ from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
 from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VENDOR, communication_objects, pdo_objects
 from pdgw.ds301.eds.importer import import_eds
+from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.ds301.objects import Entry, ObjectAddress, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.drive_type import DriveType
+from pdgw.ds301.sdo_transfer import SdoCommunicationError
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.describe import (
     OPTIONAL_OBJECTS,
     PROFILE_AREA,
@@ -23,10 +22,43 @@ from pdgw.dsp402.identification.describe import (
     describe,
     questions,
     signed,
+    variable,
 )
 from pdgw.dsp402.identification.overlay import families_of, overlay, overlay_for, overlays
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
 from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
+from pdgw.dsp402.units.mechanics import UnitKeys
+
+
+def probe(
+    node: Inquiry, dictionary: canopen.ObjectDictionary | None, units: UnitKeys | None = None, family: str = ""
+) -> DriveType:
+    """The drive at this node, with its data sheet or without, in a task; Dsp402Error when none answers."""
+    try:
+        if dictionary is None:
+            vendor, product = (node.number(*address) or 0 for address in (IDENTITY_VENDOR, IDENTITY_PRODUCT))
+            dictionary = dictionary_of(node.node_id, node.fetch, vendor, product, family)
+        answers = _answers(dictionary, node.fetch)
+    except SdoCommunicationError as error:
+        raise Dsp402Error(f"node {node.node_id}", str(error), "a drive that answers SDO") from error
+    return describe(dictionary, answers, units, family)
+
+
+def _answers(dictionary: canopen.ObjectDictionary, read: Read) -> dict[tuple[int, int], int]:
+    answers = {}
+    for index, subindex in questions(dictionary):
+        data = read(index, subindex)
+        declared = variable(dictionary, index, subindex)
+        if data and declared is not None:
+            data = data[: max(1, len(declared) // 8)]
+            answers[index, subindex] = int.from_bytes(data, "little", signed=signed(dictionary, (index, subindex)))
+    return answers
+
+
+# Describe a CiA 402 drive without a data sheet: read from the device which objects of the profile it has.
+#
+# Source: CiA 301 and CiA 402. Types and PDO mapping flags are those of the profile; a device that differs needs its EDS.
+
 
 Read = Callable[[int, int], bytes | None]
 """Reads an object of the device; None where the device does not have it."""

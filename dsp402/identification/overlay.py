@@ -20,10 +20,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array
-from pdgw.dsp402.drive_type import Quirks, Turntable
-from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.faults import ChannelErrorType, DriveFault
-from pdgw.dsp402.units.unit_keys import FamilyUnits
+from pdgw.dsp402.drive_type import ChannelErrorType, DriveFault, Dsp402Error, Quirks, Turntable
+from pdgw.dsp402.units.mechanics import FamilyUnits
 from pdgw.dsp402.units.units import parse_unit
 from pdgw.explain import Problem, problems
 from pdgw.files import read_file

@@ -1,45 +1,109 @@
-"""One revolution of a motor in the units of its drive: positions, gear and lengths, each with its source object.
+"""What a configuration and the overlay of a family say about the units of a drive; ``scaling`` makes its scaling of them.
 
-Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it states nothing. Source:
-CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/devices.md.
+Source: docs/devices.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
 from pdgw.ds301.objects import ObjectAddress
-from pdgw.dsp402 import indices
-from pdgw.dsp402.units.unit_keys import FamilyUnits, UnitKeys
+from pdgw.dsp402 import objects
 from pdgw.dsp402.units.units import Kind, Unit, dimension_unit, parse_unit, si_unit
 from pdgw.durations import SECONDS_PER_MINUTE
+
+
+@dataclass(frozen=True, slots=True)
+class UnitKeys:
+    """Units of an axis in the configuration; None or empty: not set."""
+
+    rated_speed_rpm: Fraction | None = None
+    """100 % of a speed in rpm of the motor."""
+    velocity_unit: str = ""
+    position_unit: str = ""
+    counts_per_revolution: Fraction | None = None
+    """Position units in one revolution of the motor."""
+    acceleration_unit: str = ""
+    gear: Fraction | None = None
+    """Revolutions of the motor in one of the output shaft of the gear."""
+    rated_acceleration: Fraction | None = None
+    """100 % of an acceleration or deceleration in rpm/s of the motor."""
+    ignored_unit_objects: frozenset[int] = frozenset()
+    """Indices of objects of the drive that say something wrong about its units."""
+
+
+KEY_LINES: Mapping[str, str] = {
+    "rated_speed_rpm": "rated_speed_rpm = 0  # 100 % of the speed in rpm of the motor",
+    "velocity_unit": 'velocity_unit = "?"  # of 60FFh, such as "rpm", "0.1 rpm", "counts/s", "mm/s"',
+    "ignored_unit_objects": 'ignored_unit_objects = ["?"]  # objects with wrong units, such as "60A9h"',
+    "counts_per_revolution": "counts_per_revolution = 0  # position units in one revolution of the motor",
+    "acceleration_unit": 'acceleration_unit = "?"  # of 6083h, such as "rpm/s"',
+    "rated_acceleration_rpm_s": "rated_acceleration_rpm_s = 0  # 100 % of accelerations in rpm/s of the motor",
+}
+"""For each key that may be missing, the line to paste; its value is refused until it is replaced."""
+
+
+def check_unit_keys(keys: UnitKeys) -> None:
+    """Dsp402Error names the key whose unit is none."""
+    for order, key in enumerate(("position_unit", "velocity_unit", "acceleration_unit")):
+        text = getattr(keys, key)
+        if text:
+            parse_unit(text, order, key)
+
+
+@dataclass(frozen=True, slots=True)
+class FamilyUnits:
+    """Units of a family in its overlay."""
+
+    velocity: str = ""
+    velocity_step: int = 0
+    """Index of an object with numerator and denominator: one velocity unit is this many times ``velocity``."""
+    only_while_one: frozenset[int] = frozenset()
+    """Objects that must be 1/1, or missing, for ``velocity`` to apply."""
+    increments_per_revolution: Fraction | None = None
+    """For a family with constant increments, instead of 608Fh."""
+    position: str = ""
+    counts_per_revolution: Fraction | None = None
+    acceleration: str = ""
+    ignores: frozenset[int] = frozenset()
+    """Objects the family has and does not apply, or applies otherwise than the profile."""
+    ask: str = ""
+    """Why no object shows the units of this device: the configuration must set them."""
+
+
+# One revolution of a motor in the units of its drive: positions, gear and lengths, each with its source object.
+#
+# Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it states nothing.
+# Source: CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/devices.md.
+
 
 Answers = Mapping[ObjectAddress, int]
 
 NO_LIMIT = 0x7FFF_FFFF
 """A limit of this size or above is none, and no reference either."""
-SI_UNITS = (indices.SI_UNIT_POSITION, indices.SI_UNIT_VELOCITY, indices.SI_UNIT_ACCELERATION)
+SI_UNITS = (objects.SI_UNIT_POSITION, objects.SI_UNIT_VELOCITY, objects.SI_UNIT_ACCELERATION)
 NOTATIONS = (
-    (indices.POSITION_NOTATION, indices.POSITION_DIMENSION),
-    (indices.VELOCITY_NOTATION, indices.VELOCITY_DIMENSION),
-    (indices.ACCELERATION_NOTATION, indices.ACCELERATION_DIMENSION),
+    (objects.POSITION_NOTATION, objects.POSITION_DIMENSION),
+    (objects.VELOCITY_NOTATION, objects.VELOCITY_DIMENSION),
+    (objects.ACCELERATION_NOTATION, objects.ACCELERATION_DIMENSION),
 )
 UNIT_RATIOS = (
-    *range(indices.POSITION_ENCODER_RESOLUTION, indices.VELOCITY_ENCODER_FACTOR + 1),
-    indices.VELOCITY_FACTOR,
-    indices.ACCELERATION_FACTOR,
+    *range(objects.POSITION_ENCODER_RESOLUTION, objects.VELOCITY_ENCODER_FACTOR + 1),
+    objects.VELOCITY_FACTOR,
+    objects.ACCELERATION_FACTOR,
 )
 POSITION_OBJECTS: frozenset[int] = frozenset(
     {
-        indices.POLARITY,
+        objects.POLARITY,
         *NOTATIONS[0],
         SI_UNITS[0],
-        indices.POSITION_ENCODER_RESOLUTION,
-        indices.GEAR_RATIO,
-        indices.FEED_CONSTANT,
-        indices.POSITION_FACTOR,
+        objects.POSITION_ENCODER_RESOLUTION,
+        objects.GEAR_RATIO,
+        objects.FEED_CONSTANT,
+        objects.POSITION_FACTOR,
     }
 )
 """Every object that defines the unit or the sign of positions."""
@@ -119,7 +183,7 @@ class Mechanics:
 
     def limit_confirms(self, per_rpm: Fraction, limit: int | None) -> bool:
         """Whether a limit of the velocity in these units (``per_rpm`` of them are one rpm) is about the motor's speed."""
-        rated: Fraction | int | None = self.limit(indices.MAX_MOTOR_SPEED) or self.keys.rated_speed_rpm
+        rated: Fraction | int | None = self.limit(objects.MAX_MOTOR_SPEED) or self.keys.rated_speed_rpm
         return limit is not None and rated is not None and _RATIOS[0] <= limit / per_rpm / rated <= _RATIOS[1]
 
     def unit(self, order: int, configured: str, key: str, own: str) -> Unit | Unknown | None:
@@ -153,13 +217,13 @@ class Mechanics:
         fixed = self.family.increments_per_revolution
         if fixed is not None:
             return Known(fixed, f"{self.name}: {amount(fixed)} inc/rev")
-        ratio = self.ratio(indices.POSITION_ENCODER_RESOLUTION)
+        ratio = self.ratio(objects.POSITION_ENCODER_RESOLUTION)
         return None if ratio is None else Known(ratio, f"608Fh: {amount(ratio)} inc/rev", True)
 
     def _gear(self) -> Known:
         if self.keys.gear is not None:
             return Known(self.keys.gear, "gear")
-        ratio = self.ratio(indices.GEAR_RATIO)
+        ratio = self.ratio(objects.GEAR_RATIO)
         return Known(Fraction(1), "") if ratio is None else Known(ratio, "6091h", True)
 
     def _position_unit(self) -> Unit | Unknown | None:
@@ -171,7 +235,7 @@ class Mechanics:
         if keys.counts_per_revolution is not None:
             counts = keys.counts_per_revolution
             return Known(counts, f"counts_per_revolution = {amount(counts)}")
-        unit, factor, feed = self.position_unit, self.ratio(indices.POSITION_FACTOR), self.ratio(indices.FEED_CONSTANT)
+        unit, factor, feed = self.position_unit, self.ratio(objects.POSITION_FACTOR), self.ratio(objects.FEED_CONSTANT)
         if isinstance(unit, Unknown):
             return unit
         if unit is not None and unit.kind is Kind.TURN:

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from pdgw.ds301.objects import ObjectAddress
-from pdgw.dsp402 import indices
+from pdgw.dsp402 import objects
 from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.units.mechanics import (
@@ -21,24 +21,25 @@ from pdgw.dsp402.units.mechanics import (
     SI_UNITS,
     UNIT_RATIOS,
     Answers,
+    FamilyUnits,
     Found,
     Known,
     Mechanics,
+    UnitKeys,
     Unknown,
     amount,
 )
-from pdgw.dsp402.units.unit_keys import FamilyUnits, UnitKeys
 from pdgw.dsp402.units.units import Unit, parse_unit
 from pdgw.dsp402.units.velocity import VL_FACTORS, velocity
 from pdgw.durations import SECONDS_PER_MINUTE
 
-_RATIOS = (*UNIT_RATIOS, *VL_FACTORS, indices.POSITION_RANGE_LIMIT, indices.SOFTWARE_POSITION_LIMIT, indices.VL_MIN_MAX)
+_RATIOS = (*UNIT_RATIOS, *VL_FACTORS, objects.POSITION_RANGE_LIMIT, objects.SOFTWARE_POSITION_LIMIT, objects.VL_MIN_MAX)
 _NUMBERS = (
-    indices.POLARITY,
-    indices.MAX_MOTOR_SPEED,
-    indices.MAX_PROFILE_VELOCITY,
-    indices.MAX_ACCELERATION,
-    indices.MAX_DECELERATION,
+    objects.POLARITY,
+    objects.MAX_MOTOR_SPEED,
+    objects.MAX_PROFILE_VELOCITY,
+    objects.MAX_ACCELERATION,
+    objects.MAX_DECELERATION,
     *SI_UNITS,
     *(index for pair in NOTATIONS for index in pair),
 )
@@ -63,7 +64,7 @@ def _acceleration(mechanics: Mechanics) -> Found:
     if unit is not None:
         found = mechanics.per_rpm(unit, "accelerations")
         return found if isinstance(found, Known) else Unknown(found.why, "acceleration_unit")
-    factor, counts = mechanics.ratio(indices.ACCELERATION_FACTOR), mechanics.counts
+    factor, counts = mechanics.ratio(objects.ACCELERATION_FACTOR), mechanics.counts
     if factor is not None and isinstance(counts, Known):
         return Known(counts.value / SECONDS_PER_MINUTE * factor, f"6097h, {counts.source}")
     if family.acceleration:
@@ -88,13 +89,13 @@ def _rated_speed(mechanics: Mechanics, velocity: Found, *, vl: bool) -> Found:
     rated = mechanics.keys.rated_speed_rpm
     if rated is not None:
         return Known(rated, "rated_speed_rpm")
-    speed = mechanics.limit(indices.MAX_MOTOR_SPEED)
+    speed = mechanics.limit(objects.MAX_MOTOR_SPEED)
     if speed is not None:
         return Known(Fraction(speed), "6080h")
-    highest = mechanics.limit(indices.VL_MIN_MAX, 2)
+    highest = mechanics.limit(objects.VL_MIN_MAX, 2)
     if vl and highest is not None and isinstance(velocity, Known):
         return Known(highest / velocity.value, "6046h/2")
-    value = mechanics.number(indices.MAX_MOTOR_SPEED)
+    value = mechanics.number(objects.MAX_MOTOR_SPEED)
     source_text = "the drive has no Max Motor Speed 6080h" if value is None else f"Max Motor Speed 6080h is {value}"
     return Unknown(f"{source_text}, the source of 100 %", "rated_speed_rpm")
 
@@ -127,14 +128,14 @@ def find_scaling(
 
     unit_of_velocity = velocity(mechanics, vl=vl)
     rated = _rated_speed(mechanics, unit_of_velocity, vl=vl)
-    speed = _speed(rated, unit_of_velocity, indices.VL_TARGET_VELOCITY if vl else indices.TARGET_VELOCITY)
+    speed = _speed(rated, unit_of_velocity, objects.VL_TARGET_VELOCITY if vl else objects.TARGET_VELOCITY)
     settle(Quantity.SPEED, speed)
     settle(Quantity.PROFILE_VELOCITY, _profile_velocity(mechanics, speed))
-    acceleration = _rate(mechanics, (indices.MAX_ACCELERATION,), indices.PROFILE_ACCELERATION)
+    acceleration = _rate(mechanics, (objects.MAX_ACCELERATION,), objects.PROFILE_ACCELERATION)
     settle(Quantity.ACCELERATION, acceleration)
     settle(
         Quantity.DECELERATION,
-        _rate(mechanics, (indices.MAX_DECELERATION, indices.MAX_ACCELERATION), indices.PROFILE_DECELERATION),
+        _rate(mechanics, (objects.MAX_DECELERATION, objects.MAX_ACCELERATION), objects.PROFILE_DECELERATION),
     )
     limits, wraps, position = _position(mechanics, range_is_limit)
     settle(Quantity.POSITION, position)
@@ -146,7 +147,7 @@ def find_scaling(
         rated_speed_rpm=rated.value if isinstance(rated, Known) else None,
         position_range=limits,
         position_wraps=wraps,
-        same_signs=answers.get((indices.POLARITY, 0), 0) & _INVERTS in (0, _INVERTS),
+        same_signs=answers.get((objects.POLARITY, 0), 0) & _INVERTS in (0, _INVERTS),
         position_unit=str(unit) if isinstance(unit, Unit) else "counts",
         counts_per_revolution=counts.value if isinstance(counts, Known) else None,
         velocity_per_rpm=unit_of_velocity.value if isinstance(unit_of_velocity, Known) else None,
@@ -171,7 +172,7 @@ def _profile_velocity(mechanics: Mechanics, speed: Reference | _Lacking) -> Refe
     """The smaller of Max Profile Velocity and the rated speed, in velocity units."""
     if isinstance(speed, _Lacking):
         return _Lacking("as speed", speed.keys)
-    limit = mechanics.number(indices.MAX_PROFILE_VELOCITY)
+    limit = mechanics.number(objects.MAX_PROFILE_VELOCITY)
     if limit is not None and 0 < limit < min(speed.value, Fraction(NO_LIMIT)):
         return Reference(Fraction(limit), f"100 % = 6081h {limit} (from 607Fh)")
     if limit == 0:
@@ -195,7 +196,7 @@ def _rate(mechanics: Mechanics, limits: Iterable[int], index: int) -> Reference 
             return Reference(Fraction(value_of), f"100 % = {index:04X}h {value_of} (from {limit:04X}h)")
         if value_of is not None:
             return _no_rate(mechanics, f"{limit:04X}h is {value_of}, not usable as a reference")
-    return _no_rate(mechanics, f"the drive has no {indices.MAX_ACCELERATION:04X}h")
+    return _no_rate(mechanics, f"the drive has no {objects.MAX_ACCELERATION:04X}h")
 
 
 def _no_rate(mechanics: Mechanics, why: str) -> _Lacking:
@@ -207,10 +208,10 @@ def _no_rate(mechanics: Mechanics, why: str) -> _Lacking:
 def _position(mechanics: Mechanics, range_is_limit: bool) -> tuple[tuple[int, int] | None, bool, Reference | _Lacking]:
     """Targets allowed, whether the position wraps, and 100 %."""
     answers = mechanics.answers
-    low, high = answers.get((indices.POSITION_RANGE_LIMIT, 1)), answers.get((indices.POSITION_RANGE_LIMIT, 2))
+    low, high = answers.get((objects.POSITION_RANGE_LIMIT, 1)), answers.get((objects.POSITION_RANGE_LIMIT, 2))
     software = (
-        answers.get((indices.SOFTWARE_POSITION_LIMIT, 1), 0),
-        answers.get((indices.SOFTWARE_POSITION_LIMIT, 2), 0),
+        answers.get((objects.SOFTWARE_POSITION_LIMIT, 1), 0),
+        answers.get((objects.SOFTWARE_POSITION_LIMIT, 2), 0),
     )
     limits = software if software[0] < software[1] else None
     if low is None or high is None or low == high == 0 or (low, high) == _ALL_POSITIONS:

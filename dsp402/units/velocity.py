@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
-from pdgw.dsp402.indices import (
+from pdgw.dsp402.objects import (
     MAX_PROFILE_VELOCITY,
     TARGET_VELOCITY,
     VELOCITY_ENCODER_FACTOR,

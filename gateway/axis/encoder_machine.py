@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from pdgw.durations import MS
-from pdgw.gateway.axis.adapters.encoder import EncoderAdapter
+from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorChannel
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.supervision.drive_events import CANOPEN_FAULT, INTERNAL_FAULT, Acknowledgement, NodeWatch
@@ -35,8 +35,8 @@ from pdgw.profidrive.encoder import (
     speed_normalisation,
 )
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import SignOfLife
 from pdgw.profidrive.normalisation import Normalisation
-from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 

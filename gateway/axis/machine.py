@@ -10,11 +10,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, StatusBit, enables
-from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
+from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.demand_report import (
     SHOWN_FAULT,
@@ -26,19 +26,17 @@ from pdgw.gateway.axis.demand_report import (
     PowerWish,
     Report,
 )
-from pdgw.gateway.axis.executors.base import AxisRecords, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
-from pdgw.gateway.axis.executors.load import LoadExecutor
-from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
-from pdgw.gateway.axis.executors.positions.positioning import PositioningExecutor
+from pdgw.gateway.axis.executors.executor import AxisRecords, Executor
+from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
+from pdgw.gateway.axis.executors.positions.telegram_9 import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SecondDriveSensor, SensorWords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.executors.torque import TorqueExecutor
+from pdgw.gateway.axis.executors.torque import LoadExecutor, TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit
-from pdgw.gateway.axis.required_scaling import Missing, missing, needed_quantities
-from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
+from pdgw.gateway.axis.settings import AxisSettings, Missing, SecondSensor, missing, needed_quantities
 from pdgw.gateway.axis.supervision.drive_events import (
     FAULTY,
     POWERED,

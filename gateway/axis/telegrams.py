@@ -9,14 +9,19 @@ from typing import Final, overload
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
-from pdgw.gateway.axis.adapters.base import Adapter
-from pdgw.gateway.axis.adapters.positioner import BlockAdapter, FloatAdapter, SelectionAdapter, WideAdapter
-from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
-from pdgw.gateway.axis.adapters.speed import DscAdapter, LoadAdapter, SpeedAdapter, WideSpeedAdapter
+from pdgw.gateway.axis.adapters.adapter import Adapter
+from pdgw.gateway.axis.adapters.position_words import (
+    BlockAdapter,
+    FloatAdapter,
+    PositioningAdapter,
+    SelectionAdapter,
+    WideAdapter,
+)
+from pdgw.gateway.axis.adapters.speed_words import DscAdapter, LoadAdapter, SpeedAdapter, WideSpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.dsc import DscForm
+from pdgw.gateway.motion.dsc_setpoint import DscForm
 from pdgw.profidrive.signals import USER_WORDS, SignalQuantity
 from pdgw.profidrive.telegrams import (
     TELEGRAMS,

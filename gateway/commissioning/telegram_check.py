@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.pdo import PdoLayout
 from pdgw.dsp402.drive.images import DriveFeedback
-from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.pdo import planner
 from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
@@ -22,9 +21,9 @@ from pdgw.gateway.axis.telegrams import (
     drive_layout,
     initial_mode,
 )
-from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS, USUAL_CYCLE_MS
-from pdgw.gateway.configuration.tables.positioner import PositionerConfig
-from pdgw.gateway.motion.dsc import DscChoices, DscForm
+from pdgw.gateway.configuration.defaults import SIMULATED_KEYS, USUAL_CYCLE_MS
+from pdgw.gateway.configuration.devices import PositionerConfig
+from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
 
 _USUAL = AxisSettings(
     dsc=DscChoices(DscForm.SPEED, following_window=1),

@@ -11,10 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from pdgw.ds301.bus.load import CyclicFrames, bus_load, sdo_gap_ns
-from pdgw.ds301.bus.response_time import response_times
-from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, SYNC
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.bus.load import CyclicFrames, bus_load, response_times, sdo_gap_ns
+from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, SYNC
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.node.plan import PdoPlan, straight_plan
 from pdgw.ds301.pdo import PdoDirection
@@ -23,7 +22,7 @@ from pdgw.durations import MS, MS_PER_SECOND, SECOND, US
 
 if TYPE_CHECKING:
     from pdgw.gateway.configuration.config import AxisConfig
-    from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+    from pdgw.gateway.configuration.devices import EncoderConfig
 
 _DRIVE_CYCLE_US = 1000
 """A drive updates its values once a millisecond."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.durations import MS
-from pdgw.gateway.axis.required_scaling import quantity_of
+from pdgw.gateway.axis.settings import quantity_of
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, HEADER, IOPS_GOOD, STATUS_NORMAL, TICK, CSduLayout
 from pdgw.profidrive.signals import Signal

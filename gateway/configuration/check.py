@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.explain import Problem
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.file import SECTIONS
-from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.configuration.toml_file import problem_text, read_text
 
 

@@ -15,15 +15,14 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.drive.settings import DriveSettings
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.identification.overlay import add_family, overlay
 from pdgw.dsp402.pdo.layouts import PdoLayout
-from pdgw.dsp402.units.mechanics import unit_object
-from pdgw.dsp402.units.unit_keys import UnitKeys, check_unit_keys
+from pdgw.dsp402.units.mechanics import UnitKeys, check_unit_keys, unit_object
 from pdgw.durations import MS, US_PER_MS
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
@@ -40,8 +39,8 @@ from pdgw.gateway.axis.telegrams import (
     initial_mode,
 )
 from pdgw.gateway.configuration.bus_load import cyclic_frames
-from pdgw.gateway.configuration.tables.encoder import EncoderConfig
-from pdgw.gateway.configuration.tables.environment import (
+from pdgw.gateway.configuration.devices import BlockConfig, EncoderConfig, PositionerConfig, TelegramConfig
+from pdgw.gateway.configuration.environment import (
     Boolean,
     CanConfig,
     DisplayName,
@@ -52,12 +51,9 @@ from pdgw.gateway.configuration.tables.environment import (
     TraceConfig,
     TransportConfig,
 )
-from pdgw.gateway.configuration.tables.positioner import BlockConfig, PositionerConfig
-from pdgw.gateway.configuration.tables.telegram import TelegramConfig
-from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.format_version import at_most
-from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, DscChoices, DscForm
+from pdgw.gateway.configuration.web import MqttConfig, WebConfig
+from pdgw.gateway.errors import GatewayError, at_most
+from pdgw.gateway.motion.dsc_setpoint import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, DscChoices, DscForm
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram

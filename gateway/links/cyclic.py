@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR
+from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.reasons import Finding, Reason, counted

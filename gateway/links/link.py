@@ -12,13 +12,13 @@ from typing import Final, Protocol
 
 from pdgw.ds301.counters import Counters
 from pdgw.durations import MS
-from pdgw.gateway.configuration.tables.environment import TransportConfig
+from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.cyclic import USUAL, CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort
 from pdgw.gateway.reasons import Finding
-from pdgw.gateway.trace.blocks import FramePlaces
+from pdgw.gateway.trace.pcapng import FramePlaces
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")

@@ -14,7 +14,6 @@ from typing import Final
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
-from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.requests import (
     FULL,
     NOTHING,
@@ -27,6 +26,7 @@ from pdgw.gateway.motion.requests import (
 )
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.travel import Course
+from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
 
 SHOWN_NS: Final = 100 * MS

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from pdgw.durations import MS
-from pdgw.gateway.motion.modulo import Direction, way
 from pdgw.gateway.motion.requests import FULL, Asked, Motion, MotionKind, Outcome, PositionerSettings, Seen
+from pdgw.gateway.motion.units import Direction, way
 from pdgw.gateway.reasons import Reason
 
 FIXED_STOP_NS: Final = 100 * MS

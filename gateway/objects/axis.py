@@ -7,21 +7,18 @@ from dataclasses import replace
 from typing import Any, ClassVar, Final
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
-from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR, NMT, NmtCommand
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
-from pdgw.dsp402.faults import DriveFault
-from pdgw.dsp402.indices import ABORT_OPTION
-from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
+from pdgw.dsp402.drive_type import DriveFault
+from pdgw.dsp402.objects import ABORT_OPTION, CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
 from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import SHOWN_FAULT
-from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
+from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
@@ -31,11 +28,10 @@ from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.enable_chain import EnableStatus, axis_enable_status
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
-from pdgw.gateway.objects.sensor_link import SensorLink
-from pdgw.gateway.objects.touch_probe import ProbeReader
+from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.gateway.store import ConfirmedUnits
-from pdgw.profidrive.sensor_format import SensorFormat
-from pdgw.profidrive.sign_of_life import MONITORING_OFF
+from pdgw.profidrive.frame import MONITORING_OFF
+from pdgw.profidrive.measuring import SensorFormat
 from pdgw.profidrive.telegrams import telegram
 
 _OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0), CONTROLWORD, MODE}

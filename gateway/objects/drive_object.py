@@ -14,9 +14,7 @@ from concurrent.futures import Future
 from typing import Any, ClassVar
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
-from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, NMT, PRODUCER_HEARTBEAT, NmtCommand
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.gateway.axis.values import (
@@ -32,7 +30,7 @@ from pdgw.gateway.axis.values import (
     is_answer,
 )
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.enable_chain import EnableStatus
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening

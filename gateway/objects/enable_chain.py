@@ -15,8 +15,8 @@ from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
 from pdgw.durations import SECOND
-from pdgw.gateway.axis.adapters.base import ControlWordAdapter
-from pdgw.gateway.axis.adapters.speed import DEVICE_BITS, SpeedAdapter
+from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
+from pdgw.gateway.axis.adapters.speed_words import DEVICE_BITS, SpeedAdapter
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED

@@ -23,11 +23,11 @@ from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import Outputs, SdoWrite
-from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.enable_chain import EnableStatus, encoder_enable_status
-from pdgw.profidrive.sensor_format import SensorFormat
-from pdgw.profidrive.sign_of_life import MONITORING_OFF
+from pdgw.profidrive.frame import MONITORING_OFF
+from pdgw.profidrive.measuring import SensorFormat
 from pdgw.profidrive.telegrams import telegram
 
 _TYPES = {row.index: row.type for row in PROFILE}

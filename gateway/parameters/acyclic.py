@@ -17,7 +17,7 @@ from pdgw.profinet.rpc.records import NIL
 from pdgw.profinet.rpc.server import RecordHandler, RecordServer
 
 if TYPE_CHECKING:
-    from pdgw.gateway.links.profinet.link import ProfinetLink
+    from pdgw.gateway.links.profinet.io_device import ProfinetLink
 
 _AT_ONCE = 16
 _CALL = "a call of the record port was aborted"
@@ -125,7 +125,9 @@ def record_service(daemon: Daemon) -> AcyclicServer | ProfinetRecords:
     """The record service on the transport of a daemon."""
     if daemon.config.transport.type == "udp":
         return AcyclicServer(daemon)
-    from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
+    from pdgw.gateway.links.profinet.io_device import (  # noqa: PLC0415 (the other transport starts without)
+        ProfinetLink,
+    )
 
     assert isinstance(daemon.link, ProfinetLink)
     return ProfinetRecords(daemon, daemon.link)

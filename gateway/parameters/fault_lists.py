@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pdgw.dsp402.faults import DriveFault
+from pdgw.dsp402.drive_type import DriveFault
 from pdgw.gateway.reasons import GATEWAY_FAULTS
 from pdgw.profidrive.parameters.catalogue import NAME_SIZE
 

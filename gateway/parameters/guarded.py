@@ -22,7 +22,7 @@ from pdgw.ds301.communication import (
     SYNC_WINDOW,
 )
 from pdgw.ds301.pdo import PDO_PARAMETERS
-from pdgw.dsp402 import indices
+from pdgw.dsp402 import objects
 from pdgw.dsp406.objects import MEASURING_STEPS, OPERATING_PARAMETERS, PRESET_MULTI_SENSOR
 
 
@@ -79,68 +79,68 @@ GUARDED: tuple[GuardedRange, ...] = (
         Check.REFERENCES,
     ),
     GuardedRange(
-        indices.ABORT_OPTION, indices.ABORT_OPTION, "reaction of the drive when the gateway dies", Check.CONFIGURATION
+        objects.ABORT_OPTION, objects.ABORT_OPTION, "reaction of the drive when the gateway dies", Check.CONFIGURATION
     ),
     GuardedRange(
         PRESET_MULTI_SENSOR, PRESET_MULTI_SENSOR, "presets of an encoder: its position jumps", Check.REFERENCES
     ),
-    GuardedRange(indices.VL_MIN_MAX, indices.VL_MIN_MAX, "speed limits: value of 100 %", Check.REFERENCES),
+    GuardedRange(objects.VL_MIN_MAX, objects.VL_MIN_MAX, "speed limits: value of 100 %", Check.REFERENCES),
     GuardedRange(
-        indices.VL_DECELERATION,
-        indices.VL_QUICK_STOP,
+        objects.VL_DECELERATION,
+        objects.VL_QUICK_STOP,
         "deceleration and quick stop of velocity mode: braking",
         Check.REFERENCES,
     ),
     GuardedRange(
-        indices.VL_SETPOINT_FACTOR,
-        indices.VL_DIMENSION_FACTOR,
+        objects.VL_SETPOINT_FACTOR,
+        objects.VL_DIMENSION_FACTOR,
         "factors of velocity mode: meaning of every speed",
         Check.REFERENCES,
     ),
     GuardedRange(
-        indices.QUICK_STOP_OPTION,
-        indices.FAULT_REACTION_OPTION,
+        objects.QUICK_STOP_OPTION,
+        objects.FAULT_REACTION_OPTION,
         "reaction to quick stop, shutdown, disable, Halt and faults",
         Check.NOTHING,
     ),
     GuardedRange(
-        indices.POSITION_RANGE_LIMIT,
-        indices.POSITION_RANGE_LIMIT,
+        objects.POSITION_RANGE_LIMIT,
+        objects.POSITION_RANGE_LIMIT,
         "range of positions: value of 100 %",
         Check.REFERENCES,
     ),
-    GuardedRange(indices.POLARITY, indices.POLARITY, "polarity: sign of every value", Check.REFERENCES),
+    GuardedRange(objects.POLARITY, objects.POLARITY, "polarity: sign of every value", Check.REFERENCES),
     GuardedRange(
-        indices.MAX_PROFILE_VELOCITY, indices.MAX_MOTOR_SPEED, "speed limits: value of 100 %", Check.REFERENCES
+        objects.MAX_PROFILE_VELOCITY, objects.MAX_MOTOR_SPEED, "speed limits: value of 100 %", Check.REFERENCES
     ),
     GuardedRange(
-        indices.PROFILE_DECELERATION,
-        indices.MOTION_PROFILE_TYPE,
+        objects.PROFILE_DECELERATION,
+        objects.MOTION_PROFILE_TYPE,
         "deceleration, quick stop deceleration and ramp type: braking",
         Check.REFERENCES,
     ),
     GuardedRange(
-        indices.POSITION_NOTATION,
-        indices.ACCELERATION_FACTOR,
+        objects.POSITION_NOTATION,
+        objects.ACCELERATION_FACTOR,
         "units, resolutions, ratios and factors: meaning of every value",
         Check.REFERENCES,
     ),
     GuardedRange(
-        indices.SI_UNIT_POSITION,
-        indices.SI_UNIT_ACCELERATION,
+        objects.SI_UNIT_POSITION,
+        objects.SI_UNIT_ACCELERATION,
         "units of position, velocity and acceleration: meaning of every value",
         Check.REFERENCES,
     ),
     GuardedRange(
-        indices.INTERPOLATION_TIME,
-        indices.INTERPOLATION_TIME,
+        objects.INTERPOLATION_TIME,
+        objects.INTERPOLATION_TIME,
         "interpolation time: speed between two positions",
         Check.CONFIGURATION,
     ),
-    GuardedRange(indices.MAX_DECELERATION, indices.MAX_DECELERATION, "maximum deceleration: braking", Check.REFERENCES),
+    GuardedRange(objects.MAX_DECELERATION, objects.MAX_DECELERATION, "maximum deceleration: braking", Check.REFERENCES),
     GuardedRange(
-        indices.POSITIONING_OPTION,
-        indices.POSITIONING_OPTION,
+        objects.POSITIONING_OPTION,
+        objects.POSITIONING_OPTION,
         "positioning option code: where a relative task begins",
         Check.CONFIGURATION,
     ),

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
-from pdgw.dsp402.faults import DriveFault
+from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp406.objects import (
     ALARMS,
     OFFSET,
@@ -36,12 +36,12 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT
 from pdgw.gateway.parameters.fault_lists import fault_codes, fault_numbers, fault_texts
-from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext
-from pdgw.gateway.parameters.signals import signal_list
+from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext, signal_list
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.measuring import encode_sensor_format
 from pdgw.profidrive.parameters.catalogue import (
     AXIS_CLASS,
     ENCODER_CLASS,
@@ -51,12 +51,10 @@ from pdgw.profidrive.parameters.catalogue import (
     PARAMETERS,
     PROFILE_IDENTIFICATION,
 )
-from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
-from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
-from pdgw.profidrive.parameters.errors import ParameterRefused
+from pdgw.profidrive.parameters.codec import MAX_PARAMETERS, ParameterRefused
+from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.description import Pnu
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter
-from pdgw.profidrive.parameters.pnu import Pnu
-from pdgw.profidrive.sensor_format import encode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 from pdgw.profinet.station import Station
@@ -451,7 +449,9 @@ class DeviceObject(BoundObject):
         self.bind(Pnu.STATION_GATEWAY, lambda: bytes(4))
         self.bind(Pnu.STATION_MASK, lambda: bytes(4))
         if daemon.config.transport.type == "profinet":
-            from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
+            from pdgw.gateway.links.profinet.io_device import (  # noqa: PLC0415 (the other transport starts without)
+                ProfinetLink,
+            )
 
             assert isinstance(daemon.link, ProfinetLink)
             self._bind_station(daemon.link.station)

@@ -24,7 +24,7 @@ from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
 from pdgw.gateway.service.build import interpreter, kind
 from pdgw.gateway.service.causes import causes, who
-from pdgw.gateway.service.confirmed_units import units_text
+from pdgw.gateway.store import units_text
 from pdgw.profidrive.signal_text import Rated, scale, texts
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import ApplicationMode

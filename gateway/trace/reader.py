@@ -10,11 +10,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.format_version import problem
-from pdgw.gateway.trace import blocks
-from pdgw.gateway.trace.blocks import Description
-from pdgw.gateway.trace.codec import from_json
+from pdgw.gateway.errors import GatewayError, problem
+from pdgw.gateway.trace import pcapng
+from pdgw.gateway.trace.pcapng import Description
+from pdgw.gateway.trace.steps import from_json
 from pdgw.profidrive.telegrams import telegram
 
 _KEPT: Final = 4096
@@ -80,55 +79,55 @@ class Parser:
         data = self._rest + data if self._rest else data
         at, size = 0, len(data)
         while at + _SMALLEST <= size:
-            kind, length = blocks.HEAD.unpack_from(data, at)
+            kind, length = pcapng.HEAD.unpack_from(data, at)
             if length < _SMALLEST or length % 4 or length > _LARGEST or (not at and not self._is_known(kind)):
                 raise GatewayError(f"{self._name}: damaged, or not a recording of the gateway")
             if at + length > size:
                 break
-            if kind == blocks.PACKET:
-                _, _, interface, time_ns, captured, _ = blocks.PACKET_HEAD.unpack_from(data, at)
-                begin = at + blocks.PACKET_HEAD.size
+            if kind == pcapng.PACKET:
+                _, _, interface, time_ns, captured, _ = pcapng.PACKET_HEAD.unpack_from(data, at)
+                begin = at + pcapng.PACKET_HEAD.size
                 frame = Frame(time_ns, interface, data[begin : begin + captured])
                 if self.description is not None and interface == len(self.description.buses):
                     self._cyclic.append(frame.data)
                 yield frame
-            elif kind == blocks.CUSTOM:
+            elif kind == pcapng.CUSTOM:
                 item = self._custom(data, at)
                 if item is not None:
                     yield item
-            elif kind == blocks.SECTION:
-                self.configuration = blocks.configuration(data[at : at + length])
+            elif kind == pcapng.SECTION:
+                self.configuration = pcapng.configuration(data[at : at + length])
             at += length
         self._rest = data[at:]
 
     def _is_known(self, kind: int) -> bool:
-        return self.description is not None or kind in {blocks.SECTION, blocks.INTERFACE, blocks.CUSTOM}
+        return self.description is not None or kind in {pcapng.SECTION, pcapng.INTERFACE, pcapng.CUSTOM}
 
     def _take_cyclic(self, flags: int) -> None:
         assert self.description is not None
         is_udp = self.description.places.kind == "udp"
         header = _UDP_HEADER if is_udp else _ETHERNET_HEADER
         frames = iter(self._cyclic)
-        if flags & blocks.FRESH:
+        if flags & pcapng.FRESH:
             self._received = next(frames, b"")[header:]
-        if flags & blocks.ANSWERED:
+        if flags & pcapng.ANSWERED:
             self._sent = next(frames, b"")[header if is_udp else 0 :]
         self._cyclic = []
 
     def _custom(self, data: bytes, at: int) -> Description | Cycle | None:
-        _, _, enterprise, kind, size = blocks.CUSTOM_HEAD.unpack_from(data, at)
-        begin = at + blocks.CUSTOM_HEAD.size
-        if enterprise != blocks.ENTERPRISE:
+        _, _, enterprise, kind, size = pcapng.CUSTOM_HEAD.unpack_from(data, at)
+        begin = at + pcapng.CUSTOM_HEAD.size
+        if enterprise != pcapng.ENTERPRISE:
             return None
         content = data[begin : begin + size]
-        if kind == blocks.DESCRIPTION:
+        if kind == pcapng.DESCRIPTION:
             return self._describe(content)
-        return self._cycle(content) if kind == blocks.CYCLE else None
+        return self._cycle(content) if kind == pcapng.CYCLE else None
 
     def _describe(self, content: bytes) -> Description:
         try:
             document = json.loads(content)
-            text = problem(document["version"], blocks.VERSION)
+            text = problem(document["version"], pcapng.VERSION)
             found = from_json(document) if not text else None
         except (ValueError, KeyError, TypeError) as error:
             raise GatewayError(f"{self._name}: damaged description") from error
@@ -138,43 +137,43 @@ class Parser:
         self._steps = [None] * len(found.objects)
         self._structs = [
             [telegram(item.telegram).setpoints.struct]
-            + [struct.Struct(f">{len(item.groups[group])}q") for group in blocks.GROUPS[1:]]
+            + [struct.Struct(f">{len(item.groups[group])}q") for group in pcapng.GROUPS[1:]]
             for item in found.objects
         ]
         return found
 
     def _cycle(self, content: bytes) -> Cycle | None:
-        number, time_ns, wall, flags, response = blocks.CYCLE_HEAD.unpack_from(content)
+        number, time_ns, wall, flags, response = pcapng.CYCLE_HEAD.unpack_from(content)
         self._take_cyclic(flags)
-        at = blocks.CYCLE_HEAD.size
+        at = pcapng.CYCLE_HEAD.size
         steps = self._steps
         for place, structs in enumerate(self._structs):
-            (mask,) = blocks.MASK.unpack_from(content, at)
+            (mask,) = pcapng.MASK.unpack_from(content, at)
             at += 2
             last = steps[place]
             if not mask:
                 if last is not None and last.events:
                     steps[place] = last._replace(events={})
                 continue
-            values: list[Any] = [None] * len(blocks.GROUPS) if last is None else list(last[:-1])
-            if mask & blocks.NO_SETPOINTS:
+            values: list[Any] = [None] * len(pcapng.GROUPS) if last is None else list(last[:-1])
+            if mask & pcapng.NO_SETPOINTS:
                 values[0] = None
             for group, packed in enumerate(structs):
                 if mask & 1 << group:
                     values[group] = packed.unpack_from(content, at)
                     at += packed.size
             events: dict[str, Any] = {}
-            if mask & blocks.HAS_EVENTS:
-                (size,) = blocks.LENGTH.unpack_from(content, at)
-                at += blocks.LENGTH.size + size
+            if mask & pcapng.HAS_EVENTS:
+                (size,) = pcapng.LENGTH.unpack_from(content, at)
+                at += pcapng.LENGTH.size + size
                 events = json.loads(content[at - size : at])
-            if last is not None or flags & blocks.WHOLE:
+            if last is not None or flags & pcapng.WHOLE:
                 values.append(events)
                 steps[place] = Step(*values)
         known = [step for step in steps if step is not None]
         if len(known) < len(steps):
             return None
-        answered = flags & blocks.ANSWERED and flags & blocks.FRESH
+        answered = flags & pcapng.ANSWERED and flags & pcapng.FRESH
         return Cycle(
             number,
             time_ns,

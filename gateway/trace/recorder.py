@@ -23,10 +23,9 @@ from pdgw.gateway.configuration.file import public_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.service.build import build_text
-from pdgw.gateway.trace import blocks
-from pdgw.gateway.trace.codec import to_json
+from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.place import PREVIOUS, SUFFIX, locked
-from pdgw.gateway.trace.steps import StepRecord
+from pdgw.gateway.trace.steps import StepRecord, to_json
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.ethernet import header
 
@@ -46,8 +45,8 @@ _FLAGS: Final = (
 _MODE: Final = 0o440
 """No other program opens a segment for writing by mistake; the gateway has it open already."""
 _FOLDER_MODE: Final = 0o750
-_PACK_CAN: Final = blocks.CAN_PACKET.pack
-_PACK_HEAD: Final = blocks.CYCLE_HEAD.pack
+_PACK_CAN: Final = pcapng.CAN_PACKET.pack
+_PACK_HEAD: Final = pcapng.CYCLE_HEAD.pack
 _TARGET, _SOURCE = slice(0, 6), slice(6, 12)
 
 
@@ -132,23 +131,23 @@ class FlightRecorder:
         connected, peer, received, sent = link.newest()
         if peer != self._peer:
             self._peer, self._there = peer, "" if peer is None else "{}:{}".format(*peer)
-        flags = blocks.CONNECTED if connected else 0
+        flags = pcapng.CONNECTED if connected else 0
         if self._whole:
-            flags |= blocks.WHOLE
+            flags |= pcapng.WHOLE
             self._whole = False
             for step in self._steps:
                 step.forget()
         response = 0
         pieces, wall = self._blocks, self._wall
         if answered and received:
-            flags |= blocks.ANSWERED
+            flags |= pcapng.ANSWERED
             response = (answered - now) // US
             place = bisect_left(self._times, answered)
-            pieces.insert(place, blocks.packet(self._plc, answered + wall, self._sent(sent)))
+            pieces.insert(place, pcapng.packet(self._plc, answered + wall, self._sent(sent)))
         if accepted:
-            flags |= blocks.FRESH
+            flags |= pcapng.FRESH
             place = bisect_left(self._times, now)
-            pieces.insert(place, blocks.packet(self._plc, now + wall, self._received(received, sent)))
+            pieces.insert(place, pcapng.packet(self._plc, now + wall, self._received(received, sent)))
         self._number += 1
         content = [_PACK_HEAD(self._number, now, wall, flags, response)]
         try:
@@ -157,7 +156,7 @@ class FlightRecorder:
             self.lost += 1
             self._whole = True
         else:
-            pieces.append(blocks.custom(blocks.CYCLE, b"".join(content)))
+            pieces.append(pcapng.custom(pcapng.CYCLE, b"".join(content)))
         self._write(b"".join(pieces))
         pieces.clear()
         self._times.clear()
@@ -208,7 +207,7 @@ class FlightRecorder:
 
     def _head(self) -> bytes:
         daemon = self._daemon
-        description = blocks.Description(
+        description = pcapng.Description(
             build=build_text(),
             name=self._name,
             process=os.getpid(),
@@ -220,7 +219,7 @@ class FlightRecorder:
             reasons=tuple(reason.name for reason in Reason),
         )
         text = json.dumps(to_json(description)).encode()
-        return blocks.section(self.configuration, description.buses) + blocks.custom(blocks.DESCRIPTION, text)
+        return pcapng.section(self.configuration, description.buses) + pcapng.custom(pcapng.DESCRIPTION, text)
 
     def _write(self, piece: bytes) -> None:
         """Append a piece, whole or not at all: the memory may be full."""
@@ -248,24 +247,24 @@ class FlightRecorder:
         """A frame from or to the PLC beside the cyclic ones, now."""
         now = self._daemon.loop.now()
         self._times.append(now)
-        self._blocks.append(blocks.packet(self._plc + 1, now + self._wall, frame))
+        self._blocks.append(pcapng.packet(self._plc + 1, now + self._wall, frame))
 
     def datagram(self, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
         """A datagram of the parameter channel, now."""
         ends = (f"{host}:{port}" for host, port in (source, target))
-        self.ethernet(blocks.udp_header(*ends, len(data)) + data)
+        self.ethernet(pcapng.udp_header(*ends, len(data)) + data)
 
     # -- frames of the PLC ---------------------------------------------------------------------------------------------------
 
     def _received(self, data: bytes, sent: bytes | bytearray) -> bytes:
         if self._is_profinet:
             return header(bytes(sent[_SOURCE]), bytes(sent[_TARGET])) + data
-        return blocks.udp_header(self._there, self._here, len(data)) + data
+        return pcapng.udp_header(self._there, self._here, len(data)) + data
 
     def _sent(self, data: bytes | bytearray) -> bytes:
         if self._is_profinet:
             return bytes(data)
-        return blocks.udp_header(self._here, self._there, len(data)) + data
+        return pcapng.udp_header(self._here, self._there, len(data)) + data
 
 
 def _prepared(directory: Path, name: str) -> tuple[Path, int]:

@@ -11,7 +11,7 @@ from pdgw.ds301.bus.port import Receiver as FrameReceiver
 from pdgw.ds301.bus.port import deliver
 from pdgw.ds301.loop.loop import Loop
 from pdgw.peers.bus.hub import Hub
-from pdgw.peers.node.host import simulation_thread
+from pdgw.peers.node.running import simulation_thread
 
 
 class HubPort:

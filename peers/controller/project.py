@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from uuid import UUID
 
 from pdgw.profidrive.frame import C_SDU_MIN
-from pdgw.profinet.blocks import connect as connect_blocks
+from pdgw.profinet.blocks import connect_blocks
 from pdgw.profinet.connection.connect import CyclicPlan, DataObject
 from pdgw.profinet.model import Module, Submodule, Subslot
 from pdgw.profinet.wire import Block

@@ -1,10 +1,10 @@
 """The simulated CiA 402 drive: shapes, CANopen node, node on any python-can bus."""
 
+from pdgw.peers.drive.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.drive.model.latency import Latency
 from pdgw.peers.drive.model.machine import LINEAR_AXIS, MACHINES, ROTARY_AXIS, Machine
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.drive.model.shapes import ENGEL, SHAPES, Shape, shape
-from pdgw.peers.drive.node import SimulatedDrive, SimulatedDriveNode
 
 __all__ = [
     "ENGEL",

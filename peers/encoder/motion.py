@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pdgw.ds301.bus.can_frame import STANDARD_ID
-from pdgw.dsp406.errors import Dsp406Error
+from pdgw.dsp406.kinds import Dsp406Error
 from pdgw.durations import SECOND
 from pdgw.peers.option_values import MOTIONS
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.ds301.nmt import NmtState
+from pdgw.ds301.communication import NmtState
 from pdgw.ds301.objects import Entry, ObjectSpec
 from pdgw.ds301.pdo import Pdo
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter

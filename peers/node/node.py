@@ -13,8 +13,7 @@ from typing import Any, ClassVar, Final
 
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
-from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.communication import EMCY, ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, NmtCommand, NmtState
 from pdgw.ds301.objects import COMMUNICATION_AREA, Access, CanType, Entry, ObjectSpec
 from pdgw.ds301.pdo import PDO_PARAMETERS, Pdo, is_communication_parameter
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoServer

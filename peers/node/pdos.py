@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, CanopenError
 from pdgw.ds301.bus.can_frame import STANDARD_ID
+from pdgw.ds301.communication import NmtState
 from pdgw.ds301.configuration import EVENT_DRIVEN, SYNC_TYPES
 from pdgw.ds301.emcy import COMMUNICATION_ERROR, PDO_LENGTH_ERROR
-from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Access, Entry
 from pdgw.ds301.pdo import (
     COB_ID_INVALID,

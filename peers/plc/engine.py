@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from pdgw.client.address import Target, parse_target
-from pdgw.client.session import Element
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.actions import Access, Order, Set, Wait
@@ -17,6 +15,8 @@ from pdgw.peers.plc.notation import Scalar, comparison, expected, integer, parse
 from pdgw.peers.plc.scenario import ACTIONS, Scenario, Step
 from pdgw.peers.plc.vocabulary import Word, find
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.tools.client.address import Target, parse_target
+from pdgw.tools.client.session import Element
 
 Run = Callable[[int], bool]
 """One part of a step: called each cycle with the time, until it returns True."""

@@ -12,11 +12,11 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
-from pdgw.client.address import parse_integer
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal, float_of, float_pattern
+from pdgw.tools.client.address import parse_integer
 
 if TYPE_CHECKING:
     from pdgw.peers.plc.scenario import References

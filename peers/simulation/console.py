@@ -11,14 +11,17 @@ import socketserver
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.bus.port import open_bus
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.drive.family import DRIVE_FAULTS
+from pdgw.peers.drive.objects import DRIVE_FAULTS
 from pdgw.peers.option_values import CONSOLE_COMMANDS
+from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.devices import Simulation
 
 _LINE_MAX = 1000
@@ -181,3 +184,56 @@ def read_standard_input(console: Console, at_end: Callable[[], None] | None = No
             at_end()
 
     threading.Thread(target=read, name="stdin", daemon=True).start()
+
+
+# Run simulated devices in the foreground: console, ports, signals.
+
+
+_LOOK_S = 0.2
+
+
+def run(simulation: Simulation, control: ControlConfig, title: str, *, attached: bool = False) -> None:
+    """Run until SIGINT, SIGTERM or `quit`; open the ports before the devices are powered. ``attached``: end with the input.
+
+    GatewayError when the bus is lost.
+    """
+    quit_ = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: quit_.set())
+    console = Console(simulation, quit_)
+    with ExitStack() as at_end:
+        if control.port:
+            server = serve(console, control.port)
+            at_end.callback(server.server_close)
+            at_end.callback(server.shutdown)
+        at_end.callback(simulation.stop)
+        simulation.start()
+        read_standard_input(console, quit_.set if attached else None)
+        print(f"{title}; commands: {CONSOLE_COMMANDS}", flush=True)
+        # Sleep instead of waiting for the event: if another thread gets the signal, its handler would not run during the
+        # wait.
+        while not quit_.is_set():
+            if lost := simulation.look():
+                raise GatewayError(f"{title}: the bus is lost ({lost})")
+            time.sleep(_LOOK_S)
+
+
+def run_nodes(
+    kind: str,
+    place: tuple[str, str, int | None],
+    nodes: Sequence[int],
+    control: ControlConfig,
+    title: str,
+    **options: object,
+) -> None:
+    """Run devices of one type with the same ``options`` on one bus. ``place``: interface, channel and bit rate. ``title``:
+    name of one device.
+    """
+    if len(set(nodes)) != len(nodes):
+        raise GatewayError(f"--node-id: {nodes} contains a node twice")
+    simulation = Simulation()
+    for node in nodes:
+        simulation.add(kind, open_bus(*place), node, node, **options)
+    interface, channel, _ = place
+    names = ", ".join(f"{title} {node}" for node in nodes)
+    run(simulation, control, f"{names} on {interface} {channel}")

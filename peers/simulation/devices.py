@@ -12,12 +12,11 @@ from typing import Any, Protocol
 
 import can
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.port import CanPort
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Loop
 from pdgw.dsp402.states import state_of
-from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
-from pdgw.dsp406.registers import Alarm, Warnings, names
+from pdgw.dsp406.kinds import DEVICES, ROTARY, Alarm, EncoderDevice, Warnings, names
 from pdgw.peers.bus import LoopbackBus
 from pdgw.peers.drive import ENGEL, MACHINES, Latency, SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode

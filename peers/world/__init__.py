@@ -2,10 +2,8 @@
 
 from pdgw.peers.world.can_bus import Member, SimulatedCan
 from pdgw.peers.world.channel import WorldChannel
-from pdgw.peers.world.gateway import Gateway
-from pdgw.peers.world.plc import Plc
 from pdgw.peers.world.udp import Conditions, SimulatedNetwork, SimulatedUdpPort
-from pdgw.peers.world.world import World
+from pdgw.peers.world.world import Gateway, Plc, World
 
 __all__ = [
     "Conditions",

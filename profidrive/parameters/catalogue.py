@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.parameters.pnu import Pnu
+from pdgw.profidrive.parameters.description import Pnu
 from pdgw.profidrive.signals import signal
 
 OBJECT_PNUS = range(0x03E8, 0xEA5F + 1)

@@ -14,7 +14,7 @@ from typing import Final
 from pdgw.profinet import ethernet
 from pdgw.profinet.alarms.diagnosis import Notification
 from pdgw.profinet.blocks.alarm import ACKS, Priority
-from pdgw.profinet.blocks.connect import TAG_HIGH, TAG_LOW
+from pdgw.profinet.blocks.connect_blocks import TAG_HIGH, TAG_LOW
 from pdgw.profinet.wire import WireError
 
 ALARM_FRAME_IDS: Final = {Priority.HIGH: 0xFC01, Priority.LOW: 0xFE01}

@@ -18,7 +18,7 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.alarms.apmx import AlarmMachine, AlarmRelation
 from pdgw.profinet.alarms.diagnosis import AlarmSource
 from pdgw.profinet.blocks.alarm import Priority
-from pdgw.profinet.blocks.connect import ArType
+from pdgw.profinet.blocks.connect_blocks import ArType
 from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, ControlCommand
 from pdgw.profinet.connection.connect import ConnectPlan
 from pdgw.profinet.connection.cpm import Consumer, Verdict

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet.blocks.connect import (
+from pdgw.profinet.blocks.connect_blocks import (
     AR_INFO_SHIFT,
     BEST_EFFORT,
     CYCLIC_FRAME_IDS,

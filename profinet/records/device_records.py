@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 from uuid import UUID
 
-from pdgw.profinet.blocks import records as blocks
+from pdgw.profinet.blocks import record_blocks as blocks
 from pdgw.profinet.blocks.alarm import Severity
-from pdgw.profinet.blocks.connect import LT_RT
+from pdgw.profinet.blocks.connect_blocks import LT_RT
 from pdgw.profinet.model import (
     ACCESS_POINT_SUBSLOT,
     DAP_SLOT,

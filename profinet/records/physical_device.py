@@ -23,7 +23,7 @@ from pdgw.profinet.blocks.port import (
     PortDataAdjust,
     PortDataCheck,
 )
-from pdgw.profinet.blocks.records import InterfaceDataReal, MultipleBlock, Peer, PortDataReal, PortStatistic
+from pdgw.profinet.blocks.record_blocks import InterfaceDataReal, MultipleBlock, Peer, PortDataReal, PortStatistic
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.model import API_DEFAULT, DAP_SLOT, INTERFACE_SUBSLOT, PORT_SUBSLOT, Subslot
 from pdgw.profinet.wire import Block

@@ -16,11 +16,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pdgw.__main__ import run
-from pdgw.client import session
 from pdgw.gateway import assembly
 from pdgw.gateway.configuration import file
 from pdgw.peers.plc import client
-from pdgw.peers.simulation import running
+from pdgw.peers.simulation import console
+from pdgw.tools.client import session
 from pdgw.tools.commands.commissioning import config
 from pdgw.tools.commands.gateway import param, status
 from pdgw.tools.commands.gateway import run as daemon
@@ -29,7 +29,7 @@ from pdgw.tools.commands.simulation import plc as sim_plc
 from pdgw.tools.service import run_log
 from tests.support.buses import PATIENCE_S
 
-LOADED = (config, param, sim_drive, sim_plc, status, daemon, assembly, client, file, run_log, running, session)
+LOADED = (config, param, sim_drive, sim_plc, status, daemon, assembly, client, file, run_log, console, session)
 """Commands load what they need when they are called: these have it before they are forked."""
 
 

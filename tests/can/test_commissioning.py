@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from pdgw.ds301.bus.bus import open_bus
+from pdgw.ds301.bus.port import open_bus
 from pdgw.gateway.commissioning.scan import Scan
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.tools.bus_task import complete, opened
 from pdgw.tools.commissioning.axis_test import AxisTest, Choices

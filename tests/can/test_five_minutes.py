@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
+from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from tests.can.forked import Forked, forked

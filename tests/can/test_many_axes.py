@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.bus.bus import open_bus
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.bus.port import open_port
+from pdgw.ds301.bus.port import open_bus, open_port
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.ds301.node.plan import straight_plan
 from pdgw.dsp402.drive.client import DriveClient

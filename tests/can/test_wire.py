@@ -8,8 +8,8 @@ import threading
 import can
 import pytest
 
-from pdgw.ds301.bus.bus import open_bus
-from pdgw.ds301.connection_set import EMCY
+from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.communication import EMCY
 from pdgw.ds301.loop.readiness import EpollReadiness
 from pdgw.ds301.pdo import PdoDirection
 from tests.can import interfaces

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
 from pdgw.durations import MS, SECOND
@@ -14,7 +14,7 @@ from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import DriveModel, SimulatedDrive
-from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.encoder.motion import Motion
 from pdgw.peers.node.node import SimulatedNode

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from pdgw.durations import SECOND
-from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.configuration.file import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.plc.engine import Engine

@@ -17,8 +17,8 @@ from pdgw.gateway.axis.supervision.drive_events import POWERED
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SHAPES, shape
-from pdgw.peers.drive.device import EDS_PATH
-from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.profidrive.signals import signal
 from tests.conformance import rig as rigs
 from tests.conformance.fault_cases import CONFIGURES, DRIVE_CASES, LOSSES, Activity, Case, Reaction

@@ -17,7 +17,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis import encoder_machine
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.encoder import SimulatedEncoder
-from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
+from pdgw.peers.encoder.encoder_model import ENCODER_MISBEHAVIOURS
 from pdgw.peers.encoder.motion import Motion, still
 from pdgw.profidrive.encoder import EncoderControl
 from pdgw.profidrive.signals import signal

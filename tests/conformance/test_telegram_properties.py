@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.supervision.drive_events import POWERED
-from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.configuration.file import simulated
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
 from tests.conformance.rig import COMPLETE, DriveRig
 from tests.support.axis.strategies import half_values

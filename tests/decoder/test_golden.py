@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet, Settings, given_axes
-from pdgw.decoder.view.render import record_line, record_tree
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.tools.decoder.view.render import record_line, record_tree
 
 GOLDEN = Path(__file__).parent / "golden"
 BEGIN_NS = 1_700_000_000_000_000_000

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.text import EdsError
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.objects import EDS_PATH
 
 NODE = 5
 LINES = EDS_PATH.read_text(encoding="ascii").splitlines()

@@ -9,10 +9,10 @@ from typing import Any
 import canopen
 import pytest
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.text import EdsError, Repair
-from pdgw.ds301.errors import CanopenError
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.objects import EDS_PATH
 
 NODE = 5
 CORPUS = Path(__file__).parent / "eds"

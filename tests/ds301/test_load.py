@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import CyclicFrames, bus_load, check_load, frame_bits
-from pdgw.ds301.errors import CanopenError
 
 
 def test_an_8_byte_frame_takes_111_to_135_bit_times() -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection
 

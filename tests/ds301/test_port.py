@@ -14,10 +14,9 @@ import can
 import pytest
 from can.interfaces.socketcan import SocketcanBus
 
-from pdgw.ds301.bus.bus import open_bus, system_text
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import pack_frame
-from pdgw.ds301.bus.port import SocketPort, open_port
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.bus.port import SocketPort, open_bus, open_port, system_text
 from pdgw.ds301.loop.loop import SystemLoop
 from tests.support import buses
 

@@ -9,9 +9,8 @@ from typing import TypeVar
 import pytest
 from canopen.objectdictionary import ODVariable
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, CanopenError
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.ds301.objects import CanType

@@ -12,7 +12,7 @@ import pytest
 from pdgw.ds301.bus.load import frame_bits
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.send_queue import FrameQueue, SendQueue
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
+from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
 from pdgw.ds301.node.plan import PdoPlan, straight_plan
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
@@ -21,7 +21,7 @@ from pdgw.dsp402.identification.generic import generic_dictionary
 from pdgw.dsp402.states import Command
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import drive_layout
-from pdgw.gateway.configuration.tables.environment import CanConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.world import Member, World
 
 FRAME = frame_bits(8) * SECOND // 1_000_000

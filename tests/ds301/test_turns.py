@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pdgw.ds301.bus.load import frame_bits, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.connection_set import SDO_REQUEST
+from pdgw.ds301.communication import SDO_REQUEST
+from pdgw.ds301.loop.jobs import Turns
 from pdgw.ds301.loop.loop import Task
-from pdgw.ds301.loop.turns import Turns
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.configuration.tables.environment import CanConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.world import World
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
-from pdgw.dsp402.drive.configuration import guard_steps
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive.guarding import guard_steps
+from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from tests.support.axis.mapping import pdo_steps
 

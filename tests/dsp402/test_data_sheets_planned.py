@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.dsp402.drive.client import load_eds
-from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.identification.describe import answers_of_defaults, describe
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos

@@ -10,26 +10,23 @@ from random import Random
 import pytest
 from canopen.objectdictionary import ODVariable
 
-from pdgw.ds301.aborts import Abort
-from pdgw.ds301.bus.bus import open_bus
-from pdgw.ds301.communication import STORE_PARAMETERS
-from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import Abort, CanopenError
+from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.communication import NMT, STORE_PARAMETERS, NmtCommand
 from pdgw.ds301.loop.loop import Event
-from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus, load_eds
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDriveNode
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.node.node import Value
 from tests.support.axis.mapping import pdo_steps
 from tests.support.drives.drive_types import engel

@@ -10,21 +10,20 @@ import can
 import pytest
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.communication import NmtCommand, NmtState
 from pdgw.ds301.loop.loop import Event
-from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.sdo_transfer import ABORT, SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
-from pdgw.dsp402.drive_type import Quantity
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import Dsp402Error, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.dsp402.units.unit_keys import UnitKeys
+from pdgw.dsp402.units.mechanics import UnitKeys
 from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.node.node import Value
 from tests.support.drives.drive_types import engel
 from tests.support.drives.plant import NODE, Plant, eds_without, observe

@@ -10,15 +10,12 @@ import pytest
 
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.objects import CanType
-from pdgw.dsp402.drive_type import Quantity, Turntable
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import Dsp402Error, Quantity, Turntable
 from pdgw.dsp402.identification.describe import answers_of_defaults, describe, questions
 from pdgw.dsp402.identification.overlay import overlay, overlay_for, overlays, parse_overlay
-from pdgw.dsp402.indices import SUPPORTED_DRIVE_MODES, SUPPORTED_HOMING_METHODS
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.peers.drive.device import OBJECTS
-from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
+from pdgw.dsp402.objects import DRIVE_OBJECTS, SUPPORTED_DRIVE_MODES, SUPPORTED_HOMING_METHODS
+from pdgw.peers.drive.objects import DRIVE_FAULTS, HOMING_METHODS, OBJECTS
 from tests.support.drives.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary
 
 MINIMAL = 'title = "a"\nsources = ["b"]\n'

@@ -6,7 +6,7 @@ from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.identification.describe import describe
 from pdgw.dsp402.identification.generic import dictionary_of, discovered_dictionary, generic_dictionary
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.peers.drive.device import PRODUCT_CODE, VENDOR_ID, drive_objects
+from pdgw.peers.drive.objects import PRODUCT_CODE, VENDOR_ID, drive_objects
 
 NODE = 5
 

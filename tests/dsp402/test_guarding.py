@@ -9,7 +9,7 @@ from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_F
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.guarding import Guarding, GuardTimes, guard
-from pdgw.dsp402.indices import ABORT_OPTION
+from pdgw.dsp402.objects import ABORT_OPTION
 
 RPDO = 0x1400
 QUICK_STOP = 3

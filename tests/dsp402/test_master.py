@@ -8,7 +8,7 @@ import pytest
 from canopen.profiles.p402 import BaseNode402, OperationMode
 
 from pdgw.peers.drive import Machine, SimulatedDrive
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.world import World
 from tests.support.gateways.canopen_master import master
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import pdgw
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.identification import overlay
 from pdgw.gateway.configuration.file import config_text, load_config, parse_config
 from pdgw.gateway.errors import GatewayError

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.pdo.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.peers.drive import SHAPES

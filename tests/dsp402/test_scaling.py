@@ -14,10 +14,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pdgw.dsp402.drive_type import Quantity
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import Dsp402Error, Quantity
+from pdgw.dsp402.units.mechanics import FamilyUnits, UnitKeys
 from pdgw.dsp402.units.scaling import find_scaling
-from pdgw.dsp402.units.unit_keys import FamilyUnits, UnitKeys
 from pdgw.profidrive.datatypes import N2_100_PERCENT, n2, n4
 
 SPEED = Quantity.SPEED

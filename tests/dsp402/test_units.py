@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import pytest
 
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.units.units import Kind, dimension_unit, parse_unit, si_unit
 
 

@@ -10,18 +10,17 @@ import pytest
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.communication import NmtCommand, NmtState
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.loop.loop import Event
-from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, load_eds
-from pdgw.dsp406.errors import Dsp406Error
-from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, Dsp406Error, EncoderDevice, multi_sensor
 from pdgw.dsp406.objects import PRESET
-from pdgw.peers.drive.device import EDS_PATH as DRIVE_EDS
+from pdgw.peers.drive.objects import EDS_PATH as DRIVE_EDS
 from pdgw.peers.encoder import Motion, SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.node import Value

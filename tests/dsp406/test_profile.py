@@ -9,11 +9,23 @@ from canopen.objectdictionary import ODVariable
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.objects import Access, CanType, Catalogue, ObjectKind
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
-from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_EMCY
-from pdgw.dsp406.kinds import DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, EncoderType, multi_sensor
+from pdgw.dsp406.kinds import (
+    DEVICES,
+    LINEAR,
+    MULTI_SENSOR,
+    OPERATING_RESERVED,
+    ROTARY,
+    Alarm,
+    AreaState,
+    Dsp406Error,
+    EncoderDevice,
+    EncoderType,
+    Operating,
+    Warnings,
+    multi_sensor,
+)
 from pdgw.dsp406.objects import PROFILE, Category, EncoderClass, encoder_catalogue
-from pdgw.dsp406.registers import OPERATING_RESERVED, Alarm, AreaState, Operating, Warnings
 
 ALL = tuple(DEVICES.values())
 CHANNELS = multi_sensor(3)

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.dsp406.registers import AreaState
-from pdgw.dsp406.semantics import Chain, area_state, cam_active, cam_state, chain, speed_value
+from pdgw.dsp406.kinds import AreaState, Chain, area_state, cam_active, cam_state, chain, speed_value
 
 RANGE = 4096 * 16
 PHYSICAL = st.integers(-(10**9), 10**9)

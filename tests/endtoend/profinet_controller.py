@@ -13,10 +13,10 @@ from ipaddress import IPv4Interface
 from pathlib import Path
 
 from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.links.profinet.identity import profinet_model
+from pdgw.gateway.links.profinet.station import profinet_model
 from pdgw.peers.controller.controller import Phase
+from pdgw.peers.controller.plc import RunningController
 from pdgw.peers.controller.project import Project
-from pdgw.peers.controller.running import RunningController
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.model import API_PROFIDRIVE, INTERFACE_SUBSLOT
 from pdgw.profinet.rpc.client import RecordResult

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.frames.canopen.records import PdoRecord
-from pdgw.decoder.frames.engine import Decoder, Packet
-from pdgw.decoder.frames.profinet.records import DcpRecord
-from pdgw.decoder.frames.records import CyclicRecord
 from pdgw.gateway.errors import GatewayError
-from pdgw.recording.recorder import CAPTURE
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.frames.canopen.can_records import PdoRecord
+from pdgw.tools.decoder.frames.engine import Decoder, Packet
+from pdgw.tools.decoder.frames.profinet.connect import DcpRecord
+from pdgw.tools.decoder.frames.records import CyclicRecord
 from pdgw.tools.demo import namespaces
+from pdgw.tools.recording.recorder import CAPTURE
 from tests.support.cli import pdgw as in_process
 from tests.support.processes import PATIENT, demo_undisturbed, pdgw
 from tests.support.readers import tshark

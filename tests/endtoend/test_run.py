@@ -15,9 +15,9 @@ import can
 import pytest
 
 from pdgw.gateway.service.status_client import fetch
-from pdgw.recording.recorder import CAPTURE
 from pdgw.tools.commands.capture.replay import replay
 from pdgw.tools.commands.capture.timeline import timeline
+from pdgw.tools.recording.recorder import CAPTURE
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
 from tests.support.gateways.socket_plc import SocketPlc

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.client import dump
-from pdgw.client.dump import Dump
 from pdgw.durations import SECOND
 from pdgw.gateway import store
 from pdgw.gateway.assembly import build_gateway
@@ -18,10 +16,12 @@ from pdgw.gateway.configuration import config
 from pdgw.gateway.configuration.file import config_text, load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
-from pdgw.gateway.trace import blocks
-from pdgw.peers.plc.exchange.cycling import CyclingPlc
+from pdgw.gateway.trace import pcapng
+from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.client import dump
+from pdgw.tools.client.dump import Dump
 from tests.formats.write import HERE
 from tests.support import cli
 
@@ -40,7 +40,7 @@ def release(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def test_the_first_release_is_kept() -> None:
     assert "0.9.0" in RELEASES
-    assert (config.FORMAT_VERSION, store.FORMAT_VERSION, dump.FORMAT_VERSION, blocks.VERSION) == (1, 1, 1, 1), (
+    assert (config.FORMAT_VERSION, store.FORMAT_VERSION, dump.FORMAT_VERSION, pcapng.VERSION) == (1, 1, 1, 1), (
         "a new version needs a test with files of the version before"
     )
 

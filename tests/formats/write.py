@@ -15,8 +15,8 @@ from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.recording.trace_file import part_of
-from pdgw.web.parameters import PageParameters
+from pdgw.tools.recording.trace_keeper import part_of
+from pdgw.tools.web.parameters import PageParameters
 from tests.support.gateways.daemon import Plc, exchanging, reached, running, until
 
 HERE = Path(__file__).parent

@@ -8,10 +8,7 @@ from uuid import UUID
 
 import pytest
 
-from pdgw.decoder.frames.engine import Decoder, Packet
-from pdgw.decoder.frames.records import LinkType
-from pdgw.decoder.view.render import record_line
-from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_RESPONSE, SYNC, TIME
+from pdgw.ds301.communication import EMCY, ERROR_CONTROL, NMT, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
@@ -31,6 +28,9 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.server import RecordServer
+from pdgw.tools.decoder.frames.engine import Decoder, Packet
+from pdgw.tools.decoder.frames.records import LinkType
+from pdgw.tools.decoder.view.render import record_line
 from tests.decoder.frames.profinet.test_profinet import examples as profinet_packets
 from tests.fuzz.amount import INPUTS, SEED, damage
 from tests.fuzz.test_parameters import Device, Memory

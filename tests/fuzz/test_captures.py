@@ -15,18 +15,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdgw.decoder.capture.source import Source, source_of_stream
-from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet, Settings, given_axes
-from pdgw.decoder.frames.records import LinkType
-from pdgw.decoder.view.changes import Changes
-from pdgw.decoder.view.columns import Columns
-from pdgw.decoder.view.names import Names
-from pdgw.decoder.view.render import record_line, record_tree
-from pdgw.decoder.view.statistics import Statistics
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
+from pdgw.tools.decoder.capture.source import Source, source_of_stream
+from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.tools.decoder.frames.records import LinkType
+from pdgw.tools.decoder.view.filter import Changes
+from pdgw.tools.decoder.view.names import Names
+from pdgw.tools.decoder.view.render import Columns, record_line, record_tree
+from pdgw.tools.decoder.view.statistics import Statistics
 from tests.fuzz.test_frames import mutated
 from tests.support.readers import captures
 

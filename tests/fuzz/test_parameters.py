@@ -15,6 +15,8 @@ from pdgw.profidrive.parameters.catalogue import PARAMETERS, ParameterSpec
 from pdgw.profidrive.parameters.codec import (
     Attribute,
     ParameterAddress,
+    ParameterErrorNumber,
+    ParameterRefused,
     Request,
     RequestId,
     Values,
@@ -22,7 +24,6 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
-from pdgw.profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller

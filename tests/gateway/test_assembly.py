@@ -10,7 +10,7 @@ import pytest
 import pdgw
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.acyclic import AcyclicServer
-from pdgw.gateway.service.service_manager import ServiceManager
+from pdgw.gateway.service.operating_system import ServiceManager
 from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.trace.recorder import FlightRecorder
 from tests.support.gateways.daemon import axis

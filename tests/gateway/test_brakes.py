@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SYNC
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import ERROR_CONTROL, NMT, SYNC, NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.sdo_transfer import SdoAbortedError

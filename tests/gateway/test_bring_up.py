@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.ds301.connection_set import SDO_REQUEST
+from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon

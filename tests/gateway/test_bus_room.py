@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
-from pdgw.ds301.connection_set import SDO_REQUEST
+from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.bus_load import cyclic_frames

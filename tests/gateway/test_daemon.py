@@ -9,17 +9,16 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
-from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.communication import NMT, NmtCommand, NmtState
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Outputs
-from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.configuration.file import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint

@@ -8,7 +8,7 @@ from pathlib import Path
 import can
 import pytest
 
-from pdgw.ds301.connection_set import SDO_REQUEST
+from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.identification.describe import described_by_sheet

@@ -11,7 +11,7 @@ import pytest
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.last_words import kept_last_words, last_words
 from pdgw.gateway.service.status_client import fetch
-from pdgw.tools.output.status_check import Health
+from pdgw.tools.output.status_text import Health
 from tests.support.cli import pdgw
 from tests.support.gateways.daemon import axis
 from tests.support.processes import free_tcp_port

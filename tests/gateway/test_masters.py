@@ -5,12 +5,10 @@ from __future__ import annotations
 import can
 import pytest
 
-from pdgw.ds301.communication import PRODUCER_HEARTBEAT
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import ERROR_CONTROL, NMT, PRODUCER_HEARTBEAT, SDO_REQUEST, SYNC, NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Access, CanType, Entry
-from pdgw.dsp402.indices import POSITIONING_OPTION
+from pdgw.dsp402.objects import POSITIONING_OPTION
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway

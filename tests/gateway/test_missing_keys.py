@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import pytest
 
+from pdgw.dsp402.units.mechanics import KEY_LINES, UnitKeys
 from pdgw.dsp402.units.scaling import find_scaling
-from pdgw.dsp402.units.unit_keys import KEY_LINES, UnitKeys
 from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError

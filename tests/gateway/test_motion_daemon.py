@@ -10,7 +10,7 @@ import pytest
 from pdgw.ds301.objects import Access, CanType, var
 from pdgw.dsp402.states import State
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.configuration.file import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber, Reason

@@ -12,9 +12,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from pdgw.ds301.communication import LOAD_SIGNATURE
-from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import LOAD_SIGNATURE, NMT, NmtCommand
 from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValueKeeper, OwnValues

@@ -11,14 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from pdgw.ds301.bus.load import CyclicFrames, frame_bits
-from pdgw.ds301.bus.response_time import response_times
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.bus.load import CyclicFrames, frame_bits, response_times
 from pdgw.durations import MS
 from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.world import Member
-from pdgw.peers.world.stuffing import bits_on_the_wire
+from pdgw.peers.world.can_bus import bits_on_the_wire
 from pdgw.tools.commands.commissioning.config import app
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.connection_set import NMT, SDO_REQUEST, SDO_RESPONSE
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.sdo_transfer import SdoAbortedError

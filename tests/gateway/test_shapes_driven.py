@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.client.session import Session
 from pdgw.ds301.objects import Access
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
@@ -24,6 +23,7 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.parameters.codec import ParameterAddress
+from pdgw.tools.client.session import Session
 from tests.support.documents.sensor_format import decode_sensor_format
 from tests.support.drives.drive_types import described
 from tests.support.gateways.daemon import (

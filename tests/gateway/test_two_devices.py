@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST
-from pdgw.ds301.nmt import NmtState
+from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, NmtState
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber

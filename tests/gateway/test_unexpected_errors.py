@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from pdgw.client.udp import ParameterClient
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters import manager
 from pdgw.gateway.parameters.records import Records
 from pdgw.profinet.rpc import dcerpc
+from pdgw.tools.client.udp import ParameterClient
 from tests.support.gateways.daemon import axis
 from tests.support.gateways.parameters import gateway, number
 from tests.support.gateways.profinet_daemon import PlantChannel, configuration, plant

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.connection_set import SDO_REQUEST
+from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.states import State

@@ -55,7 +55,7 @@ def check(wheel: Path, pure: Path, compiled: list[str]) -> None:
 
 def vendored() -> Iterator[dict[str, object]]:
     """Components that pip does not install: the third-party files of the page."""
-    for item in json.loads((ROOT / "web/static/vendor/vendored.json").read_text(encoding="utf-8")):
+    for item in json.loads((ROOT / "tools/web/static/vendor/vendored.json").read_text(encoding="utf-8")):
         purl = f"pkg:npm/{item['package']}@{item['version']}"
         licences = [{"license": {"id": item["licence"]}}]
         named = {"name": item["package"], "version": item["version"], "licenses": licences}

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
 from pdgw.durations import MS
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.frames.engine import Decoder, Settings, given_axes
 from tests.long.bench import decoding, exchange, profinet, stops
 from tests.support.readers.both_buses import write_capture
 

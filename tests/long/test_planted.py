@@ -28,7 +28,7 @@ from pdgw.gateway.motion.positioner import ACTIVATE, HOME, Positioner
 from pdgw.gateway.motion.requests import Motion
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
-from pdgw.profidrive.sign_of_life import SignOfLife
+from pdgw.profidrive.frame import SignOfLife
 from tests.long.planted import FOLLOW, LOCKS, Patch, Plant, each_cell, row
 from tests.long.rules import Rule
 from tests.long.walk.cases import Case

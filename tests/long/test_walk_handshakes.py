@@ -10,7 +10,7 @@ import pytest
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
-from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
+from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.motion.positioner import ACTIVATE, Positioner
 from pdgw.gateway.motion.travel import Course
 from tests.long.rules import Rule

@@ -14,9 +14,9 @@ from can.interfaces.socketcan.socketcan import build_can_frame
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.ds301.bus.bus import open_bus
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import CAN_FRAME, EXTENDED, pack_frame, unpack_frame
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.bus.port import open_bus
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, Hub, LoopbackBus, ServedBus
 from pdgw.peers.bus.hub import JOIN, LOOK, WELCOME

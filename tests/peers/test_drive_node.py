@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.communication import NmtState
 from pdgw.ds301.eds.writer import write_eds
-from pdgw.ds301.nmt import NmtState
 from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveCommand, attributes
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, with_second_position
 from pdgw.dsp402.states import State, state_of
-from pdgw.peers.drive.device import EDS_PATH, INFO, OBJECTS, drive_objects
+from pdgw.peers.drive.objects import EDS_PATH, INFO, OBJECTS, drive_objects
 from tests.support.drives.drive_bench import NODE, Bench
 
 ABORTS = [

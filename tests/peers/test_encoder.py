@@ -11,12 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.communication import LOAD_SIGNATURE, SAVE_SIGNATURE
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import LOAD_SIGNATURE, SAVE_SIGNATURE, NmtCommand
 from pdgw.ds301.sdo_transfer import SdoAbortedError
-from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_FAULTS
-from pdgw.dsp406.kinds import LINEAR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.dsp406.kinds import LINEAR, ROTARY, Dsp406Error, EncoderDevice, multi_sensor
 from pdgw.durations import MS
 from pdgw.peers.encoder import Motion, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Follower, constant_speed, parse_motion, points, recorded, sine, still

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation

@@ -7,15 +7,14 @@ from random import Random
 
 import pytest
 
-from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.states import State, state_of
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import Latency, SimulatedDrive
 from pdgw.peers.drive.model.latency import LATENCY_MAX_MS
-from pdgw.peers.simulation.config import parse_bus
-from pdgw.peers.simulation.configured_devices import add_device
+from pdgw.peers.simulation.config import add_device, parse_bus
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world import World
 from tests.support.drives.drive_bench import NODE, Bench

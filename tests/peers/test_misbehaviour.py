@@ -6,12 +6,12 @@ import struct
 
 import pytest
 
-from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.communication import NmtCommand, NmtState
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.peers.drive import SimulatedDriveNode
-from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
 from tests.support.drives.drive_bench import DriveBench

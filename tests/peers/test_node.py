@@ -10,9 +10,8 @@ import pytest
 from canopen.sdo import SdoClient
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.communication import communication_objects, pdo_objects
+from pdgw.ds301.communication import NmtState, communication_objects, pdo_objects
 from pdgw.ds301.eds.writer import DeviceInfo, write_eds
-from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Access, CanType, ObjectSpec, var
 from pdgw.durations import MS
 from pdgw.peers.node.node import SimulatedNode

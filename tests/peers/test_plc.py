@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 from scapy.layers.inet import UDP
 from scapy.utils import rdpcap
 
-from pdgw.client.address import Target, parse_target
-from pdgw.client.session import Element
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint
@@ -32,6 +30,8 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
+from pdgw.tools.client.address import Target, parse_target
+from pdgw.tools.client.session import Element
 from pdgw.tools.output.plc_capture import Capture
 from tests.support.axis.strategies import axes_values
 from tests.support.gateways.daemon import record_server

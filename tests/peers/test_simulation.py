@@ -15,13 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, ServedBus
-from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
-from pdgw.peers.simulation import running as simulation_running
+from pdgw.peers.simulation import console as simulation_running
 from pdgw.peers.simulation.config import ControlConfig, example, load_bus, parse_bus
 from pdgw.peers.simulation.console import Console, serve
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.sensor_format import SensorFormat, encode_sensor_format
+from pdgw.profidrive.measuring import SensorFormat, encode_sensor_format
 from tests.support.documents.sensor_format import decode_sensor_format
 
 numbers = st.integers(0, 0xFFFF_FFFF)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
+from pdgw.profidrive.frame import MONITORING_OFF, SignOfLife
 
 
 def test_the_own_counter_runs_1_to_15_without_0() -> None:

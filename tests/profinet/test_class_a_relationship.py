@@ -17,7 +17,7 @@ from scapy.layers.l2 import Ether
 
 from pdgw.durations import MS, SECOND
 from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.blocks.connect import ArBlockReq
+from pdgw.profinet.blocks.connect_blocks import ArBlockReq
 from pdgw.profinet.model import API_PROFIDRIVE
 from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc import dcerpc, epm

@@ -17,15 +17,15 @@ import pytest
 from typer.testing import CliRunner
 
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.configuration.tables.environment import TransportConfig
-from pdgw.gateway.links.profinet.identity import profinet_model
+from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.links.profinet.station import profinet_model
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind, access_module, object_module
 from pdgw.profinet.station import check_name
 from pdgw.tools.cli import app
-from pdgw.tools.output.gsdml import write_gsdml
+from pdgw.tools.output.data_sheets import write_gsdml
 from tests.support.wire.profinet import IDENTITY
 
 NS = "{http://www.profibus.com/GSDML/2003/11/DeviceProfile}"

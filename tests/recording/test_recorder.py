@@ -7,18 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.capture.pcapng_file import PcapngWriter, configuration_in
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.frames.engine import Decoder, Packet, Settings, given_axes
-from pdgw.decoder.frames.records import CyclicRecord, LinkType
-from pdgw.gateway.configuration.example import example, simulated
-from pdgw.gateway.configuration.file import config_text, parse_config
+from pdgw.gateway.configuration.file import config_text, example, parse_config, simulated
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.trace import blocks
+from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
-from pdgw.recording.recorder import CAPTURE, Captures, Recording
-from pdgw.recording.recordings import CONFIGURATION, known_from
 from pdgw.tools.commands.capture.decode import decode
+from pdgw.tools.decoder.capture.pcap import PcapngWriter, configuration_in
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.frames.engine import Decoder, Packet, Settings, given_axes
+from pdgw.tools.decoder.frames.records import CyclicRecord, LinkType
+from pdgw.tools.recording.recorder import CAPTURE, Captures, Recording
+from pdgw.tools.recording.recordings import CONFIGURATION, known_from
 from tests.support.axis.recorded import speed
 from tests.support.gateways.daemon import axis, configuration
 from tests.support.gateways.recorded_daemon import recorded
@@ -62,7 +61,7 @@ reference_speed = 1500.5
 
 def datagram(source: str, target: str) -> bytes:
     data = speed().frames.plc[0][1]
-    return blocks.udp_header(source, target, len(data)) + data
+    return pcapng.udp_header(source, target, len(data)) + data
 
 
 @pytest.mark.parametrize("text", [FULL, example(), config_text(simulated([9] * 3, 2))])
@@ -85,7 +84,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "x.pcapng"
     frame = speed().frames.plc[0][1]
     writer = PcapngWriter(path, "a" * 70_000)
-    packet = blocks.udp_header("192.168.0.10:50000", "192.168.0.5:34962", len(frame)) + frame
+    packet = pcapng.udp_header("192.168.0.10:50000", "192.168.0.5:34962", len(frame)) + frame
     writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_123_456_789, packet)
     writer.write(LinkType.CAN_SOCKETCAN, "can0", 1_700_000_000_123_456_790, b"\0\0\x01\x81\x02\0\0\0\x31\x02")
     writer.close()
@@ -133,7 +132,7 @@ def test_configuration_is_read_from_the_capture_or_its_folder(
     (tmp_path / CONFIGURATION).write_text(config_text(simulated([9] * 2)))
     assert [axis.telegram for axis in known_from(None, [], [], files).settings.axes] == [9, 9]
     assert f"configuration of the gateway is read from {tmp_path / CONFIGURATION}" in capsys.readouterr().err
-    (tmp_path / CAPTURE).write_bytes(blocks.section(config_text(simulated([1])), ()))
+    (tmp_path / CAPTURE).write_bytes(pcapng.section(config_text(simulated([1])), ()))
     carried = known_from(None, [], [], [*files, str(tmp_path / CAPTURE)])
     assert [axis.telegram for axis in carried.settings.axes] == [1]
     assert [axis.telegram for axis in known_from(None, [2], [], files).settings.axes] == [2]

@@ -9,9 +9,8 @@ from contextlib import contextmanager
 
 import can
 
-from pdgw.ds301.bus.bus import open_bus
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.bus.port import open_port
+from pdgw.ds301.bus.port import open_bus, open_port
 from pdgw.ds301.loop.loop import Loop, SystemLoop
 from pdgw.durations import MS
 

@@ -13,17 +13,17 @@ from typing import Any
 from unittest.mock import patch
 
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.tables.web import WebConfig
+from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import explanation, fault_status, snapshot
-from pdgw.recording.trace_file import captured
-from pdgw.web.errors import RequestError
-from pdgw.web.run import in_background
-from pdgw.web.server.guard import Token
-from pdgw.web.status import feed
-from pdgw.web.status.feed import Document
-from pdgw.web.status.watch import Watch
+from pdgw.tools.recording.trace_keeper import captured
+from pdgw.tools.web.run import in_background
+from pdgw.tools.web.server.guard import Token
+from pdgw.tools.web.status import feed
+from pdgw.tools.web.status.feed import Document
+from pdgw.tools.web.status.watch import Watch
+from pdgw.tools.web.support import RequestError
 from tests.support.buses import PATIENCE_S
 
 TOKEN = "a token of more than sixteen characters"

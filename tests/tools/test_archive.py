@@ -15,14 +15,13 @@ import pytest
 import typer
 
 import pdgw
-from pdgw.decoder.capture.pcapng_file import PcapngWriter
-from pdgw.decoder.export.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
-from pdgw.decoder.frames.records import LinkType
-from pdgw.gateway.configuration.example import simulated
-from pdgw.gateway.configuration.file import config_text
+from pdgw.gateway.configuration.file import config_text, simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
+from pdgw.tools.decoder.capture.pcap import PcapngWriter
+from pdgw.tools.decoder.export.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
+from pdgw.tools.decoder.frames.records import LinkType
 from tests.support.readers import captures
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra archive is not installed")

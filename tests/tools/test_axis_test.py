@@ -11,16 +11,15 @@ from random import Random
 
 import pytest
 
-from pdgw.ds301.connection_set import ERROR_CONTROL
+from pdgw.ds301.communication import ERROR_CONTROL
 from pdgw.ds301.objects import Access, CanType, Entry, array, var
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.confirmed_units import confirmation, units_text
 from pdgw.gateway.service.status import snapshot
-from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.store import ParameterStore, confirmation, units_text
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive, shape
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.world import World

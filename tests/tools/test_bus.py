@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from subprocess import CompletedProcess
 
-from pdgw.ds301.bus.bus import open_bus
+from pdgw.ds301.bus.port import open_bus
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive import SimulatedDrive
 from tests.support import buses

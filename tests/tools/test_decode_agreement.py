@@ -11,12 +11,12 @@ import pytest
 from scapy.layers.can import CAN
 from scapy.utils import PcapReader
 
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.frames.canopen.records import EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
-from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
-from pdgw.decoder.frames.records import CyclicRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.frames.canopen.can_records import EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
+from pdgw.tools.decoder.frames.engine import Decoder, Settings, given_axes
+from pdgw.tools.decoder.frames.records import CyclicRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from tests.support.readers import captures, tshark
 from tests.support.readers.captures import BEGIN_NS
 

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.capture.errors import CaptureError
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.export.trace_page import States
-from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
+from pdgw.tools.decoder.capture.pcap import CaptureError
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.export.trace_page import States
+from pdgw.tools.decoder.frames.engine import Decoder, Settings, given_axes
 from tests.support.buses import PATIENCE_S
 from tests.support.cli import pdgw
 from tests.support.readers import captures

@@ -18,8 +18,8 @@ from pdgw.profidrive.signals import signal
 from pdgw.tools.commands.simulation.demo import ChapterName, demo
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.demo.links import OnLoopback
-from pdgw.tools.demo.run import Demo, Outcome
-from pdgw.tools.demo.trace import plot
+from pdgw.tools.demo.plot import plot
+from pdgw.tools.demo.sequence import Demo, Outcome
 from tests.support.gateways.daemon import Plc, drive_of, running
 from tests.support.gateways.recorded_daemon import differences, recorded, replay_of
 
@@ -174,7 +174,7 @@ def test_unwritten_recording_of_the_plc_is_a_failure(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_unwritable_result_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.tools.demo.run._EVIDENCE", ())
+    monkeypatch.setattr("pdgw.tools.demo.sequence._EVIDENCE", ())
     (tmp_path / "report.json").symlink_to("/dev/full")
     with pytest.raises(GatewayError, match=r"report\.json: cannot be written \(No space left on device\)"):
         dsc_demo(tmp_path).run()

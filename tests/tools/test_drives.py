@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from pdgw.ds301.eds.writer import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, var
 from pdgw.dsp402.identification.overlay import overlay_for, overlays
-from pdgw.peers.drive.device import EDS_PATH, drive_objects
+from pdgw.peers.drive.objects import EDS_PATH, drive_objects
 from pdgw.tools.cli import app
 
 

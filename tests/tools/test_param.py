@@ -13,14 +13,23 @@ from unittest.mock import Mock
 
 import pytest
 
-from pdgw.client.address import Target, parse_target, parse_type, parse_value
-from pdgw.client.dump import Dump, DumpedElement, Restored, difference, other_origin, other_telegram, read_all, restore
-from pdgw.client.session import Element, Session, full_name, meaning
-from pdgw.client.udp import ParameterClient, read_identification
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.profinet.rpc import identification
+from pdgw.tools.client.address import Target, parse_target, parse_type, parse_value
+from pdgw.tools.client.dump import (
+    Dump,
+    DumpedElement,
+    Restored,
+    difference,
+    other_origin,
+    other_telegram,
+    read_all,
+    restore,
+)
+from pdgw.tools.client.session import Element, Session, full_name, meaning
+from pdgw.tools.client.udp import ParameterClient, read_identification
 from pdgw.tools.command_table import EXAMPLES
 from tests.support.cli import pdgw
 from tests.support.gateways.daemon import axis, configuration, reached, serving, until

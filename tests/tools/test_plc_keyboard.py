@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.view import snapshot, tables
+from pdgw.peers.plc.exchange.following import snapshot, tables
 from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram

@@ -18,9 +18,9 @@ from typing import cast
 import can
 import pytest
 
-from pdgw.ds301.connection_set import EMCY, SDO_RESPONSE
+from pdgw.ds301.communication import EMCY, SDO_RESPONSE
 from pdgw.ds301.counters import Counters
-from pdgw.recording import background_writer
+from pdgw.tools.recording import background_writer
 from pdgw.tools.service.log_format import LogLevel
 from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
 from tests.support.buses import PATIENCE_S
@@ -63,9 +63,9 @@ def test_can_recorder_on_a_full_disk_reports_it_and_drops_frames(caplog: pytest.
 def test_a_can_recorder_that_is_too_slow_keeps_a_bounded_number_of_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdgw.recording.background_writer._WAITING", 10)
+    monkeypatch.setattr("pdgw.tools.recording.background_writer._WAITING", 10)
     released = threading.Event()
-    monkeypatch.setattr("pdgw.decoder.capture.canlog.candump_line", lambda _: released.wait(PATIENCE_S) and "x\n")
+    monkeypatch.setattr("pdgw.tools.decoder.capture.canlog.candump_line", lambda _: released.wait(PATIENCE_S) and "x\n")
     recorder = CanRecorder(tmp_path / "can.log")
     for _ in range(100):
         recorder.record("can0", FRAME)
@@ -85,7 +85,7 @@ def test_unwritable_frame_is_lost_alone_and_reported_once(
             raise ValueError("a mistake")
         return text
 
-    monkeypatch.setattr("pdgw.decoder.capture.canlog.candump_line", line)
+    monkeypatch.setattr("pdgw.tools.decoder.capture.canlog.candump_line", line)
     recorder = CanRecorder(tmp_path / "can.log")
     for _ in range(4):
         recorder.record("can0", FRAME)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation, encoder_device
 from pdgw.peers.world import World

@@ -10,7 +10,7 @@ import pytest
 from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.commands.gateway.status import status
-from pdgw.tools.output.status_check import Health, check_line
+from pdgw.tools.output.status_text import Health, check_line
 from tests.support.cli import pdgw
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
 from tests.support.processes import free_tcp_port

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from pdgw.tools.cli import main
-from pdgw.tools.termination import end_as_by_ctrl_c
+from pdgw.tools.options import end_as_by_ctrl_c
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals of POSIX")

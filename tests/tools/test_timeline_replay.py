@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 import typer
 
-from pdgw.decoder.capture.errors import CaptureError
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.timeline.builder import NO_STEPS
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.capture.replay import replay
 from pdgw.tools.commands.capture.timeline import timeline
+from pdgw.tools.decoder.capture.pcap import CaptureError
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.timeline.builder import NO_STEPS
 from tests.support.axis.recorded import speed
 from tests.support.axis.rig import NODE
 from tests.support.gateways import profinet_daemon

@@ -10,20 +10,19 @@ from typing import Any
 
 import pytest
 
-from pdgw.decoder.capture.pcapng_file import configuration_in
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.frames.engine import Packet
-from pdgw.decoder.frames.records import LinkType
 from pdgw.durations import SECOND
+from pdgw.gateway.configuration.defaults import Trigger
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.tables.defaults import Trigger
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.recording.trace_file import chosen_ring, save
-from pdgw.recording.trace_keeper import Choice, Keeper, follow
 from pdgw.tools.commands.capture.timeline import timeline
+from pdgw.tools.decoder.capture.pcap import configuration_in
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.frames.engine import Packet
+from pdgw.tools.decoder.frames.records import LinkType
+from pdgw.tools.recording.trace_keeper import Choice, Keeper, chosen_ring, follow, save
 from tests.support.gateways import profinet_daemon
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
 from tests.support.gateways.daemon import running as playing
@@ -223,12 +222,12 @@ def test_failed_file_is_removed_and_keeping_continues(
                 arguments[1].write_bytes(b"half of it")
                 raise error
 
-            monkeypatch.setattr("pdgw.recording.trace_keeper.save", unwritable)
+            monkeypatch.setattr("pdgw.tools.recording.trace_keeper.save", unwritable)
             happen(daemon, plc, keeper)
             assert keeper.kept == []
             assert list((tmp_path / "kept").iterdir()) == []
         assert "not kept (no space left)" in caplog.text
-        monkeypatch.setattr("pdgw.recording.trace_keeper.save", save)
+        monkeypatch.setattr("pdgw.tools.recording.trace_keeper.save", save)
         happen(daemon, plc, keeper)
         assert len(keeper.kept) == 1
 

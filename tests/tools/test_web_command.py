@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-import pdgw.web
+import pdgw.tools.web
 from tests.support import cli
 
 CONFIG = '[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n'
@@ -28,9 +28,11 @@ def _keeps_its_priority(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_web_without_its_packages_names_the_extra(
     package: str, extra: str, more: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in [name for name in sys.modules if name.partition(".")[0] == package or name.startswith("pdgw.web.")]:
+    for name in [
+        name for name in sys.modules if name.partition(".")[0] == package or name.startswith("pdgw.tools.web.")
+    ]:
         monkeypatch.delitem(sys.modules, name)
-        monkeypatch.delattr(pdgw.web, name.removeprefix("pdgw.web."), raising=False)
+        monkeypatch.delattr(pdgw.tools.web, name.removeprefix("pdgw.tools.web."), raising=False)
     monkeypatch.setitem(sys.modules, package, None)
     config = tmp_path / "gateway.toml"
     config.write_text(CONFIG + more)

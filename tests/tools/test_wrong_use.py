@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.configuration.example import simulated
-from pdgw.gateway.configuration.file import config_text
+from pdgw.gateway.configuration.file import config_text, simulated
 from pdgw.tools.cli import main
 from pdgw.tools.service import run_log
 from pdgw.tools.service.log_format import LogFormat, LogLevel

@@ -16,8 +16,8 @@ import pytest
 
 from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.recording.recordings import Part, write_page
 from pdgw.tools.output.reports import Check, Report
+from pdgw.tools.recording.recordings import Part, write_page
 from tests.support.axis.recorded import RecordedRig, speed
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.status.feed import Document, Feed
+from pdgw.tools.web.status.feed import Document, Feed
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from pdgw.gateway.configuration.file import load_config, parse_config
-from pdgw.gateway.configuration.tables.web import WebConfig
+from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.server.guard import (
+from pdgw.tools.web.server.guard import (
     COOKIE,
     FAILURES_MAX,
     FAILURES_WITHIN_S,
@@ -23,7 +23,7 @@ from pdgw.web.server.guard import (
     allowed_hosts,
     read_token,
 )
-from pdgw.web.server.places import Places
+from pdgw.tools.web.server.server import Places
 from tests.support.gateways.daemon import axis
 from tests.support.page import TOKEN
 

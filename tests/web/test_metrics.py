@@ -15,8 +15,8 @@ from prometheus_client.parser import text_string_to_metric_families
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
 from pdgw.profidrive.parameters.codec import ParameterAddress
-from pdgw.web.metrics import exposition
-from pdgw.web.status.watch import Watch
+from pdgw.tools.web.metrics import exposition
+from pdgw.tools.web.status.watch import Watch
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running, serving
 from tests.support.page import ShownGateway, look
 

@@ -17,10 +17,10 @@ from paho.mqtt.client import Client, MQTTMessageInfo
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.tables.web import MqttConfig
+from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message, topic_name
-from pdgw.web.status.watch import Watch
+from pdgw.tools.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message, topic_name
+from pdgw.tools.web.status.watch import Watch
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import axis, configuration, running
 from tests.support.gateways.daemon import until as until_true

@@ -13,17 +13,17 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.capture.pcap import read_capture
-from pdgw.decoder.frames.records import LinkType
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.profidrive.telegrams import telegram
-from pdgw.web.app import READS_PER_S, Allowance
-from pdgw.web.server.guard import HEADERS
-from pdgw.web.server.places import CONNECTIONS_MAX
-from pdgw.web.status.events import KEPT, EventLog
-from pdgw.web.stream import STREAMS_MAX
-from pdgw.web.trace import usual
+from pdgw.tools.decoder.capture.pcap import read_capture
+from pdgw.tools.decoder.frames.records import LinkType
+from pdgw.tools.web.app import READS_PER_S, Allowance
+from pdgw.tools.web.server.guard import HEADERS
+from pdgw.tools.web.server.server import CONNECTIONS_MAX
+from pdgw.tools.web.status.events import KEPT, EventLog
+from pdgw.tools.web.stream import STREAMS_MAX
+from pdgw.tools.web.trace import usual
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, events_of, page, until

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.errors import RequestError
-from pdgw.web.parameters import PageParameters
+from pdgw.tools.web.parameters import PageParameters
+from pdgw.tools.web.support import RequestError
 from tests.support.gateways.daemon import axis, configuration, reached, serving
 
 

@@ -14,9 +14,16 @@ import uvicorn
 from starlette.responses import JSONResponse
 from uvicorn.server import ServerState
 
-from pdgw.web.server.large import AT_ONCE, PART, LargeAnswers
-from pdgw.web.server.places import CONNECTIONS_MAX, UNKNOWN_MAX, UNKNOWN_OF_SENDER_MAX, Places
-from pdgw.web.server.server import READ_WITHIN_S, REQUEST_WITHIN_S, bounded_protocol
+from pdgw.tools.web.server.guard import AT_ONCE, PART, LargeAnswers
+from pdgw.tools.web.server.server import (
+    CONNECTIONS_MAX,
+    READ_WITHIN_S,
+    REQUEST_WITHIN_S,
+    UNKNOWN_MAX,
+    UNKNOWN_OF_SENDER_MAX,
+    Places,
+    bounded_protocol,
+)
 from tests.support.gateways.daemon import axis, configuration, running
 from tests.support.page import TOKEN, Page, ShownGateway, page
 

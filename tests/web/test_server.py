@@ -8,10 +8,9 @@ import socket
 from types import SimpleNamespace
 from typing import Any, cast
 
-from pdgw.gateway.configuration.tables.web import WebConfig
-from pdgw.web.server.places import CONNECTIONS_MAX, Places
-from pdgw.web.server.server import made_server
-from pdgw.web.stream import Streams
+from pdgw.gateway.configuration.web import WebConfig
+from pdgw.tools.web.server.server import CONNECTIONS_MAX, Places, made_server
+from pdgw.tools.web.stream import Streams
 
 
 class Port(socket.socket):

@@ -6,8 +6,8 @@ import hashlib
 import json
 import re
 
-from pdgw.web.app import STATIC
-from pdgw.web.support import VENDORED
+from pdgw.tools.web.app import STATIC
+from pdgw.tools.web.support import VENDORED
 
 FOLDER = VENDORED.parent
 

@@ -11,16 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.loop.loop import Timer
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive_type import DriveType, Quantity, Scaling
-from pdgw.dsp402.indices import POSITION_ACTUAL
+from pdgw.dsp402.objects import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.tables.environment import TransportConfig
+from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.platform import DatagramPort, Platform

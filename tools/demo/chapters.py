@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from pdgw.gateway.configuration.tables.defaults import SIMULATED_BLOCKS, SIMULATED_KEYS
+from pdgw.gateway.configuration.defaults import SIMULATED_BLOCKS, SIMULATED_KEYS
 from pdgw.peers.option_values import ENGEL, SYNCHRONOUS
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 

@@ -9,8 +9,8 @@ import threading
 from pathlib import Path
 from typing import Protocol
 
-from pdgw.recording.ethernet_capture import EthernetCapture
 from pdgw.tools.demo.namespaces import ADDRESS_HERE, HERE, THERE, VethPair, forward
+from pdgw.tools.recording.recorder import EthernetCapture
 
 STATION = "press-1"
 

@@ -7,6 +7,8 @@ import os
 from pathlib import Path
 
 import typer
+from rich import box
+from rich.table import Table
 
 from pdgw.gateway.errors import GatewayError
 
@@ -18,3 +20,14 @@ def to_be_written(option: typer.CallbackParam, file: Path | None) -> Path | None
         if wrong:
             raise GatewayError(f"{option.opts[0]} {file}: cannot be written ({os.strerror(wrong)})")
     return file
+
+
+# Format tables for terminals.
+
+
+def plain_table(*titles: str, title: str | None = None, narrow: tuple[str, ...] = ()) -> Table:
+    """A table without borders that folds long texts and never cuts them. Columns in ``narrow`` are folded last."""
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
+    for name in titles:
+        table.add_column(name, overflow="fold", no_wrap=name in narrow)
+    return table

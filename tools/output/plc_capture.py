@@ -11,7 +11,7 @@ from pathlib import Path
 from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.trace.blocks import udp_header
+from pdgw.gateway.trace.pcapng import udp_header
 
 _FILE = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
 """Header of a pcap file: microseconds, version 2.4, UTC, whole packets, Ethernet."""

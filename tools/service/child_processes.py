@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.environment import CanConfig, TraceConfig
 from pdgw.gateway.configuration.file import config_text
-from pdgw.gateway.configuration.tables.environment import CanConfig, TraceConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service import realtime
+from pdgw.gateway.service import operating_system
 
 _VIRTUAL = "virtual"
 """python-can's bus inside one process. Between processes a bus server replaces it."""
@@ -34,7 +34,7 @@ def device_processes(config: GatewayConfig) -> Iterator[GatewayConfig]:
         return
     # Import the simulator only where it is used.
     from pdgw.peers.bus import INTERFACE  # noqa: PLC0415
-    from pdgw.peers.simulation.configured_devices import bus_file, simulated_devices  # noqa: PLC0415
+    from pdgw.peers.simulation.config import bus_file, simulated_devices  # noqa: PLC0415
 
     with contextlib.ExitStack() as at_end:
         directory = Path(at_end.enter_context(tempfile.TemporaryDirectory(prefix="pdgw-")))
@@ -76,7 +76,7 @@ def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
         text=True,
         start_new_session=True,
     ) as process:
-        realtime.usual(process.pid)
+        operating_system.usual(process.pid)
         try:
             yield process
         finally:

@@ -23,8 +23,8 @@ from rich.logging import RichHandler
 
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.errors import writing
-from pdgw.recording import background_writer
-from pdgw.recording.background_writer import BackgroundWriter
+from pdgw.tools.recording import background_writer
+from pdgw.tools.recording.background_writer import BackgroundWriter
 from pdgw.tools.service.log_format import Bundle, LogFormat, LogLevel, formatter
 
 log = logging.getLogger("gateway")
@@ -202,7 +202,9 @@ class CanRecorder:
     """Writes the frames of all networks to a file."""
 
     def __init__(self, file: Path) -> None:
-        from pdgw.decoder.capture.canlog import candump_line  # noqa: PLC0415 (a gateway that records nothing starts without)
+        from pdgw.tools.decoder.capture.canlog import (  # noqa: PLC0415 (a gateway that records nothing starts without)
+            candump_line,
+        )
 
         with writing(f"--can-log {file}"):
             self._file = file.open("w", encoding="ascii", errors="replace", buffering=1 << 16)

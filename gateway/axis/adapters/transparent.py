@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES, Adapter
+from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES, Adapter
 from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram

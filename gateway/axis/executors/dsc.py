@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.demand_report import Flag, SpeedWish
-from pdgw.gateway.axis.executors.base import AxisRecords, Executor, LimitWatch, demanded_speed, known
+from pdgw.gateway.axis.executors.executor import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapped
-from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
+from pdgw.gateway.motion.dsc_setpoint import Dsc, DscChoices, DscForm, DscSettings, wrapped
+from pdgw.gateway.motion.requests import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.datatypes import DataType, n4

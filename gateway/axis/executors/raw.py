@@ -10,7 +10,7 @@ from operator import attrgetter
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
-from pdgw.gateway.axis.executors.base import AxisRecords, Executor
+from pdgw.gateway.axis.executors.executor import AxisRecords, Executor
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.reasons import Reason
 

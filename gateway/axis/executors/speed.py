@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import Flag, SpeedWish
-from pdgw.gateway.axis.executors.base import AxisRecords, Executor, LimitWatch, demanded_speed, known
+from pdgw.gateway.axis.executors.executor import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.power_states import Action
-from pdgw.gateway.motion.messages import TOLERANCE_PERCENT
+from pdgw.gateway.axis.values import Answer
+from pdgw.gateway.motion.requests import TOLERANCE_PERCENT
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation

@@ -11,7 +11,7 @@ from typing import Final, Generic, TypeVar
 
 from pdgw.ds301.emcy import GENERIC_ERROR, emcy_text
 from pdgw.dsp402.drive.images import DriveFeedback
-from pdgw.dsp402.faults import DriveFault
+from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.demand_report import STATE_MASK

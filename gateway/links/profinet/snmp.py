@@ -9,7 +9,7 @@ from typing import Final
 
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.profinet.link import ProfinetLink
+from pdgw.gateway.links.profinet.io_device import ProfinetLink
 from pdgw.profinet.discovery import mib
 from pdgw.profinet.discovery.snmp import REQUEST_MAX, Agent, Oid, Variable, Writing
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from pdgw.dsp402.indices import HOMING_ACCELERATION, HOMING_SPEEDS, MAX_ACCELERATION
+from pdgw.dsp402.objects import HOMING_ACCELERATION, HOMING_SPEEDS, MAX_ACCELERATION
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import ControlBit, StatusBit
-from pdgw.peers.drive.family import HOMING_METHODS
-from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation
-from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION, ModeOfOperation
+from pdgw.peers.drive.objects import HOMING_METHODS
 
 if TYPE_CHECKING:
     from pdgw.peers.drive.model.model import DriveModel

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from random import Random
 from typing import Final
 
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.aborts import CanopenError
 from pdgw.durations import MS
 
 LATENCY_MAX_MS: Final = 100

@@ -11,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.communication import SYNC_PERIOD
-from pdgw.ds301.errors import CanopenError
-from pdgw.dsp402.faults import DriveFault
-from pdgw.dsp402.indices import (
+from pdgw.dsp402.drive_type import DriveFault
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import (
     ABORT_OPTION,
     FAULT_REACTION_OPTION,
     HOME_OFFSET,
@@ -28,19 +29,23 @@ from pdgw.dsp402.indices import (
     QUICK_STOP_OPTION,
     VELOCITY_ENCODER_FACTOR,
 )
-from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 from pdgw.durations import MS, SECOND, US
-from pdgw.peers.drive.device import OBJECTS
-from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.drive.model.latency import NO_LATENCY, DelayLine
 from pdgw.peers.drive.model.machine import ROTARY_AXIS, Machine
+from pdgw.peers.drive.model.mode_of_operation import (
+    COAST_DECELERATION,
+    SECOND_ENCODER_STEPS,
+    TICK,
+    Ramp,
+    increments_per_second,
+)
 from pdgw.peers.drive.model.modes import MODES
-from pdgw.peers.drive.model.motion import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
 from pdgw.peers.drive.model.probe import TouchProbe
 from pdgw.peers.drive.model.shapes import ENGEL, Shape
+from pdgw.peers.drive.objects import DRIVE_FAULTS, OBJECTS
 
 DI1: Final = 1 << 16
 _LIMITS: Final = NEGATIVE_LIMIT | POSITIVE_LIMIT

@@ -7,7 +7,6 @@ Source: the manufacturer's guide chapters 6 and 7, CiA DSP 402 V2.0 (profile pos
 from __future__ import annotations
 
 from pdgw.dsp402.modes import Mode
-from pdgw.peers.drive.family import CURRENT_CONTROL, SPEED_CONTROL, TURNTABLE
 from pdgw.peers.drive.model.homing import Homing
 from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation
 from pdgw.peers.drive.model.position_modes import CyclicPosition, ProfilePosition, Turntable
@@ -20,6 +19,7 @@ from pdgw.peers.drive.model.speed_modes import (
     Torque,
     VelocityMode,
 )
+from pdgw.peers.drive.objects import CURRENT_CONTROL, SPEED_CONTROL, TURNTABLE
 
 MODES: dict[int, type[ModeOfOperation]] = {
     TURNTABLE.mode: Turntable,

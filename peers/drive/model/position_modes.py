@@ -6,11 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pdgw.dsp402.indices import INTERPOLATION_TIME, MAX_ACCELERATION, MAX_DECELERATION, POSITION_RANGE_LIMIT
+from pdgw.dsp402.objects import INTERPOLATION_TIME, MAX_ACCELERATION, MAX_DECELERATION, POSITION_RANGE_LIMIT
 from pdgw.dsp402.states import ControlBit, StatusBit
-from pdgw.peers.drive.family import TURNTABLE
-from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation, follows
-from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION, TICK, increments_per_second, rpm_of, speed_toward
+from pdgw.peers.drive.model.mode_of_operation import (
+    INCREMENTS_PER_REVOLUTION,
+    TICK,
+    ModeOfOperation,
+    follows,
+    increments_per_second,
+    rpm_of,
+    speed_toward,
+)
+from pdgw.peers.drive.objects import TURNTABLE
 
 if TYPE_CHECKING:
     from pdgw.peers.drive.model.model import DriveModel

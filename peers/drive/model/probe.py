@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from pdgw.dsp402.drive import touch_probe
-from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
 
 if TYPE_CHECKING:
     from pdgw.peers.drive.model.model import DriveModel

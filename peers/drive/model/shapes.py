@@ -15,22 +15,20 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR, SYNC_PERIOD, communication_objects, pdo_objects
 from pdgw.ds301.eds.writer import DeviceInfo
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, ObjectAddress, ObjectSpec, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.drive import touch_probe
 from pdgw.dsp402.identification.overlay import Address
-from pdgw.dsp402.indices import SI_UNIT_VELOCITY, SUPPORTED_DRIVE_MODES
 from pdgw.dsp402.modes import SUPPORTED_MODES, Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS, SI_UNIT_VELOCITY, SUPPORTED_DRIVE_MODES
 from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
 from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.peers import option_values
-from pdgw.peers.drive.device import DRIVE_TYPE, INFO, OBJECTS, REVISION, drive_objects
-from pdgw.peers.drive.family import FAMILY, FAMILY_MODES
 from pdgw.peers.drive.model.probe import POSITIONS
+from pdgw.peers.drive.objects import DRIVE_TYPE, FAMILY, FAMILY_MODES, INFO, OBJECTS, REVISION, drive_objects
 
 _I32, _U8, _U16, _U32 = CanType.I32, CanType.U8, CanType.U16, CanType.U32
 _RO, _RW = Access.RO, Access.RW

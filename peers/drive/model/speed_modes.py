@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from pdgw.dsp402.drive_type import VL_RAMP
-from pdgw.dsp402.indices import (
+from pdgw.dsp402.objects import (
     MAX_ACCELERATION,
     MAX_CURRENT,
     MAX_DECELERATION,
@@ -15,8 +15,7 @@ from pdgw.dsp402.indices import (
     VL_DECELERATION,
 )
 from pdgw.dsp402.states import StatusBit
-from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation, follows
-from pdgw.peers.drive.model.motion import COAST_DECELERATION, TORQUE_ACCELERATION
+from pdgw.peers.drive.model.mode_of_operation import COAST_DECELERATION, TORQUE_ACCELERATION, ModeOfOperation, follows
 
 
 class _SpeedMode(ModeOfOperation):

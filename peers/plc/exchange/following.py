@@ -1,22 +1,77 @@
-"""``follow``: the PLC closes the position loop and the axis follows a sine until the following error is small enough.
-
-The controller is ``PositionLoop``. The target oscillates between the start position and one ahead of it. It starts and ends
-each period at rest, and pauses while the PLC itself is delayed. If the axis is stopped and stays far from the target, the
-next period starts at its position. The axis has no load.
-"""
+"""The PLC's view as plain data and as tables for a terminal: words by bit, values, and why values are missing."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Final
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.gateway.motion.dsc import KPC_PER_UNIT, difference
+from pdgw.gateway.motion.dsc_setpoint import KPC_PER_UNIT, difference
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
-from pdgw.profidrive.telegrams import Telegram
+from pdgw.profidrive.signal_text import texts
+from pdgw.profidrive.telegrams import Telegram, telegram
+
+
+def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:
+    """All axes as plain data."""
+    return {
+        "title": title,
+        "axes": [
+            {
+                "telegram": item.number,
+                "setpoints": endpoint.setpoints[axis],
+                "actuals": endpoint.actuals[axis],
+                "why": endpoint.why_no_values(axis) if endpoint.actuals[axis] is None else "",
+            }
+            for axis, item in enumerate(endpoint.telegrams)
+        ],
+    }
+
+
+def line_of(document: Mapping[str, Any]) -> str:
+    """A document of the progress as a line for a person; empty if it needs none."""
+    if "told" in document:
+        return str(document["told"])
+    if "note" in document:
+        return f"{document['time_s']:7.3f} s  {document['note']}"
+    result = document.get("result", {"passed": True})
+    return "" if result["passed"] else f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}"
+
+
+def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType:
+    """A snapshot as tables. ``reasons``: why the gateway does not execute an axis' command, if known."""
+    parts: list[RenderableType] = [Text(found["title"], style="bold")]
+    for index, axis in enumerate(found["axes"]):
+        chosen = telegram(axis["telegram"])
+        reason = axis["why"] or (reasons[index] if index < len(reasons) else "")
+        if reason:
+            parts.append(Text(f"axis {index + 1}: {reason}", style="yellow"))
+        title = f"axis {index + 1}, telegram {axis['telegram']}"
+        grid = Table(
+            "setpoint", "", "actual value", "", title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
+        )
+        sent, received = texts(chosen.setpoints, axis["setpoints"]), texts(chosen.actuals, axis["actuals"] or {})
+        for left, right in zip_longest(sent.items(), received.items(), fillvalue=("", "")):
+            grid.add_row(*left, *right)
+        parts.append(grid)
+    return Group(*parts)
+
+
+# ``follow``: the PLC closes the position loop and the axis follows a sine until the following error is small enough.
+#
+# The controller is ``PositionLoop``. The target oscillates between the start position and one ahead of it. It starts and ends
+# each period at rest, and pauses while the PLC itself is delayed. If the axis is stopped and stays far from the target, the
+# next period starts at its position. The axis has no load.
+
 
 POSITION: Final = "G1_XIST1"
 _LONGEST_STEP_NS: Final = 20 * MS

@@ -19,17 +19,16 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Dot1Q, Ether
 from scapy.utils import PcapNgWriter, wrpcap
 
-from pdgw.decoder.capture import live
-from pdgw.decoder.capture.canlog import MAX_LINE, candump_line, message_packet, read_candump
-from pdgw.decoder.capture.errors import CaptureError
-from pdgw.decoder.capture.pcap import MAX_PACKET, read_capture
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet
-from pdgw.decoder.frames.records import CyclicRecord
-from pdgw.ds301.bus.bus import open_bus
+from pdgw.ds301.bus.port import open_bus
 from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
+from pdgw.tools.decoder.capture import live
+from pdgw.tools.decoder.capture.canlog import MAX_LINE, candump_line, message_packet, read_candump
+from pdgw.tools.decoder.capture.pcap import MAX_PACKET, CaptureError, read_capture
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Packet
+from pdgw.tools.decoder.frames.records import CyclicRecord
 from pdgw.tools.service.run_log import CanRecorder
 from tests.support.buses import PATIENCE_S, channel
 from tests.support.readers import captures, tshark

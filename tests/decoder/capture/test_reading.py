@@ -9,19 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet, Settings, given_axes
-from pdgw.decoder.frames.link import CanFrame
-from pdgw.decoder.frames.records import LinkType, Record
-from pdgw.decoder.view.changes import Changes
-from pdgw.decoder.view.columns import Columns
-from pdgw.decoder.view.filter import Filter
-from pdgw.decoder.view.names import RECORD_NAMES, Names
-from pdgw.decoder.view.selection import Selection
-from pdgw.decoder.view.statistics import Statistics
 from pdgw.ds301.bus.load import frame_bits
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import STATUS_NORMAL
 from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.tools.decoder.frames.link import CanFrame
+from pdgw.tools.decoder.frames.records import LinkType, Record
+from pdgw.tools.decoder.view.filter import Changes, Filter, Selection
+from pdgw.tools.decoder.view.names import RECORD_NAMES, Names
+from pdgw.tools.decoder.view.render import Columns
+from pdgw.tools.decoder.view.statistics import Statistics
 from tests.decoder.frames.profinet.test_cyclic import frame
 
 NAMES = Names()

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from pdgw.decoder.export.trace_page import TracePage
-from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind
 from pdgw.gateway.errors import GatewayError
-from pdgw.recording.recordings import Part, write_page
+from pdgw.tools.decoder.export.trace_page import TracePage
+from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind
+from pdgw.tools.recording.recordings import Part, write_page
 from tests.support.axis.recorded import RecordedRig, speed
 from tests.support.buses import PATIENCE_S
 

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.decoder.frames.recognise import parse_hex, recognise, swapped_words
-from pdgw.decoder.frames.records import CyclicRecord, OtherRecord
-from pdgw.decoder.view.render import line_parts
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.signals import float_pattern
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
+from pdgw.tools.decoder.frames.recognise import parse_hex, recognise, swapped_words
+from pdgw.tools.decoder.frames.records import CyclicRecord, OtherRecord
+from pdgw.tools.decoder.view.render import line_parts
 from tests.support.axis.strategies import directions, half_values, telegrams
 from tests.support.cli import pdgw
 

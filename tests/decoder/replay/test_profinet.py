@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.timeline.text import entry_lines
 from pdgw.durations import MS
 from pdgw.profidrive.frame import STATUS_RUN
+from pdgw.tools.decoder.timeline.text import entry_lines
 from tests.support.gateways.daemon import axis
 from tests.support.gateways.profinet_daemon import OFF, configuration, parameterise_anew, plant
 from tests.support.gateways.recorded_daemon import record, recording, replay_of

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.replay.replay import Replayed
 from pdgw.gateway.axis.executors import speed as speed_executor
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.trace import blocks
+from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.peers.drive import shape
-from pdgw.recording.recordings import replayed
-from pdgw.recording.trace_file import save
+from pdgw.tools.decoder.replay import Replayed
+from pdgw.tools.recording.recordings import replayed
+from pdgw.tools.recording.trace_keeper import save
 from tests.decoder.replay.runs import RUNS, kept, run, speeds
 from tests.long.soak.planted import DEFECTS
 from tests.support.gateways.daemon import axis, configuration, until, world_of
@@ -112,9 +112,9 @@ def changed(folder: Path, kind: str, change: Callable[[bytearray], None]) -> lis
     file = Path(recording(folder))
     data = bytearray(file.read_bytes())
     found = []
-    for block, at, length in blocks.walk(bytes(data)):
-        if block == blocks.PACKET:
-            begin = at + blocks.PACKET_HEAD.size
+    for block, at, length in pcapng.walk(bytes(data)):
+        if block == pcapng.PACKET:
+            begin = at + pcapng.PACKET_HEAD.size
             (identifier,) = struct.unpack_from(">I", data, begin)
             is_answer = data[begin + 42 : begin + 44] == b"\xc0\x00"
             if {"RPDO": identifier == 0x201, "TPDO": identifier == 0x181, "answer": is_answer}[kind]:
@@ -156,7 +156,7 @@ def test_a_part_of_a_recording_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_capture_of_another_recorder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "x.pcapng").write_bytes(blocks.section("", ("can",)))
+    (tmp_path / "x.pcapng").write_bytes(pcapng.section("", ("can",)))
     with pytest.raises(GatewayError, match="only a recording of the gateway itself can be replayed"):
         replayed([str(tmp_path / "x.pcapng")])
     (tmp_path / "x.log").write_text("(1.0) can0 1#00\n" * 9)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.durations import SECOND
-from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.configuration.file import simulated
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
 from tests.support.gateways.recorded_daemon import differences, recorded, replay_of

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.timeline.builder import HOLD_NS, TimelineBuilder
-from pdgw.decoder.timeline.entries import AnomalyKind, Event
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
-from pdgw.recording.recordings import look_ahead
+from pdgw.tools.decoder.timeline.builder import HOLD_NS, TimelineBuilder
+from pdgw.tools.decoder.timeline.entries import AnomalyKind, Event
+from pdgw.tools.recording.recordings import look_ahead
 from tests.support.axis.recorded import CYCLE_NS, RecordedRig, positioning, speed
 from tests.support.axis.rig import NODE
 from tests.support.readers.timeline import Timeline, entries_of, texts, timeline

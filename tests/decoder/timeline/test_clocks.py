@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.frames.fields import half_fields
-from pdgw.decoder.timeline.clocks import Clocks, correlate
-from pdgw.decoder.timeline.entries import Edge, WordKind
 from pdgw.durations import MS, SECOND
 from pdgw.profidrive.telegrams import telegram
-from pdgw.recording.recordings import look_ahead
+from pdgw.tools.decoder.frames.fields import half_fields
+from pdgw.tools.decoder.timeline.clocks import Clocks, correlate
+from pdgw.tools.decoder.timeline.entries import Edge, WordKind
+from pdgw.tools.recording.recordings import look_ahead
 from tests.support.axis.recorded import CYCLE_NS, RIGS
 
 

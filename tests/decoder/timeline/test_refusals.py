@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, ReasonChange, WordKind
-from pdgw.decoder.timeline.text import entry_lines
 from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind, ReasonChange, WordKind
+from pdgw.tools.decoder.timeline.text import entry_lines
 from tests.support.gateways.daemon import ON, Plc, axis, configuration, drive_of
 from tests.support.gateways.recorded_daemon import recorded, recording
 from tests.support.readers.timeline import Timeline, edges, own_timeline

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.timeline.entries import Edge, Latency, Summary, WordKind
-from pdgw.decoder.timeline.text import entry_lines, summary_lines
 from pdgw.durations import MS
 from pdgw.profidrive.frame import TICK, TRAILER
-from pdgw.recording.recordings import Part, followed
+from pdgw.tools.decoder.timeline.entries import Edge, Latency, Summary, WordKind
+from pdgw.tools.decoder.timeline.text import entry_lines, summary_lines
+from pdgw.tools.recording.recordings import Part, followed
 from tests.support.axis.recorded import CYCLE_NS, RIGS, RecordedRig, speed
 from tests.support.readers.timeline import Timeline, edges, entries_of, timeline
 

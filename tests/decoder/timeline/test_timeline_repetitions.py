@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Event
-from pdgw.decoder.timeline.text import Repetitions, entry_lines
 from pdgw.durations import MS, SECOND
+from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind, Event
+from pdgw.tools.decoder.timeline.text import Repetitions, entry_lines
 
 
 def written(entries: list[Anomaly | Event]) -> list[str]:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.gateway.axis.adapters.encoder import EncoderAdapter
-from pdgw.gateway.axis.adapters.speed import SpeedAdapter
+from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
+from pdgw.gateway.axis.adapters.speed_words import SpeedAdapter
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS, make_adapter
 from pdgw.gateway.errors import GatewayError

@@ -13,8 +13,8 @@ from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice
 from pdgw.durations import MS
 from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
+from pdgw.peers.encoder.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, constant_speed
-from pdgw.peers.encoder.node import SimulatedEncoderNode
 from tests.support.axis.stepper import EncoderStepper
 
 CONTROL = 0x0400

@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.gateway.axis.settings import SetpointEnable
-from pdgw.gateway.motion.dsc import DscChoices, DscForm
+from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
 from tests.support.axis.rig import Rig
 

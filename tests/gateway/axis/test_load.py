@@ -8,7 +8,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
 from pdgw.gateway.axis.values import NodeNotice, Notice
-from pdgw.gateway.motion.messages import namur_word
+from pdgw.gateway.motion.requests import namur_word
 from pdgw.profidrive.signals import signal
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import engel

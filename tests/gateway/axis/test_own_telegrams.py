@@ -16,7 +16,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.world import Plc
 from pdgw.profidrive import telegrams as catalogue
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.output.gsdml import write_gsdml
+from pdgw.tools.output.data_sheets import write_gsdml
 from tests.support.gateways.daemon import drive_of, running, world_of
 
 OWN = """

@@ -11,10 +11,10 @@ import pytest
 from pdgw.dsp402.drive_type import Quantity, Reference
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
-from pdgw.gateway.axis.executors.positions.task_scaling import TaskScaling
+from pdgw.gateway.axis.executors.positions.limits import TaskScaling
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import Machine
-from pdgw.peers.drive.family import HOMING_METHODS, TURNTABLE
+from pdgw.peers.drive.objects import HOMING_METHODS, TURNTABLE
 from pdgw.profidrive.datatypes import N4_100_PERCENT, n4
 from pdgw.profidrive.signals import signal
 from tests.support.axis.rig import Rig

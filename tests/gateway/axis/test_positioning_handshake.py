@@ -10,7 +10,7 @@ from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.peers.drive.family import TURNTABLE
+from pdgw.peers.drive.objects import TURNTABLE
 from tests.gateway.axis.test_positioning import (
     ACKNOWLEDGE,
     ACTIVATE,

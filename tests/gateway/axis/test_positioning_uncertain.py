@@ -12,7 +12,7 @@ from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
-from pdgw.peers.drive.family import TURNTABLE
+from pdgw.peers.drive.objects import TURNTABLE
 from tests.gateway.axis.test_positioning import (
     ACTIVATE,
     HOME_SET,

@@ -9,11 +9,10 @@ from types import MappingProxyType
 import pytest
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.gateway.axis.required_scaling import needed_quantities
-from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.settings import AxisSettings, needed_quantities
 from pdgw.gateway.commissioning.telegram_check import lacks
-from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS
-from pdgw.gateway.configuration.tables.positioner import PositionerConfig
+from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
+from pdgw.gateway.configuration.devices import PositionerConfig
 from pdgw.profidrive.telegrams import telegram
 from tests.support.drives.drive_types import engel
 

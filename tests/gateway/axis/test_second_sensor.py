@@ -12,7 +12,7 @@ from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.peers.drive.model.motion import SECOND_ENCODER_STEPS
+from pdgw.peers.drive.model.mode_of_operation import SECOND_ENCODER_STEPS
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
 from tests.support.axis.rig import Rig

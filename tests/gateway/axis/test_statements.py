@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pdgw.dsp402.states import State
-from pdgw.gateway.motion.dsc import DscChoices, DscForm
+from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import PARAMETERS

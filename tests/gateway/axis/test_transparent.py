@@ -11,8 +11,7 @@ from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, state_of
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
-from pdgw.peers.drive.device import OBJECTS
-from pdgw.peers.drive.family import TURNTABLE
+from pdgw.peers.drive.objects import OBJECTS, TURNTABLE
 from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.rig import Rig
 from tests.support.axis.stepper import Stepper

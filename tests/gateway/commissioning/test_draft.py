@@ -8,16 +8,15 @@ import pytest
 
 from pdgw.dsp402.units.scaling import find_scaling
 from pdgw.dsp406.kinds import LINEAR
-from pdgw.gateway.commissioning.draft import draft
-from pdgw.gateway.commissioning.scan import Sheet, load_sheets
+from pdgw.gateway.commissioning.scan import Sheet, draft, load_sheets
 from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram
 from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.devices import EncoderModel
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.tables.encoder import EncoderModel
-from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SHAPES
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.objects import EDS_PATH
 from tests.gateway.commissioning.test_scan import BUS, Site
 
 PLACE = CanConfig(interface="socketcan", channel="can1", bitrate=500_000)

@@ -8,20 +8,26 @@ from pathlib import Path
 import can
 import pytest
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC_PERIOD
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST
-from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.communication import (
+    CONSUMER_HEARTBEAT,
+    ERROR_CONTROL,
+    NMT,
+    PRODUCER_HEARTBEAT,
+    SDO_REQUEST,
+    SYNC_PERIOD,
+)
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.durations import MS
 from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, Sheet, expected_on, load_sheets
 from pdgw.gateway.commissioning.telegram_check import lacks
-from pdgw.gateway.configuration.tables.environment import CanConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SHAPES
-from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
+from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.world import World
 from tests.support.gateways.daemon import axis, configuration
 

@@ -29,15 +29,13 @@ from pdgw.gateway.axis.telegrams import (
 )
 from pdgw.gateway.configuration.check import references_wrong
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.example import example, simulated
-from pdgw.gateway.configuration.file import load_config, parse_config
-from pdgw.gateway.configuration.tables.encoder import EncoderConfig
-from pdgw.gateway.configuration.tables.environment import TraceConfig, TransportConfig
-from pdgw.gateway.configuration.tables.positioner import BlockConfig, PositionerConfig
-from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
+from pdgw.gateway.configuration.devices import BlockConfig, EncoderConfig, PositionerConfig
+from pdgw.gateway.configuration.environment import TraceConfig, TransportConfig
+from pdgw.gateway.configuration.file import example, load_config, parse_config, simulated
+from pdgw.gateway.configuration.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.identity import DEVICE_ID, VENDOR_ID
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.profidrive.telegrams import TELEGRAMS
 
 BASE = """\

@@ -9,7 +9,7 @@ import pytest
 
 from pdgw.ds301.counters import Counters
 from pdgw.durations import MS
-from pdgw.gateway.configuration.tables.environment import TransportConfig
+from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.link import UdpLink
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram

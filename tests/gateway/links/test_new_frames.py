@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from pdgw.ds301.counters import Counters
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.configuration.tables.environment import TransportConfig
+from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.link import UdpLink
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
 from pdgw.gateway.links.udp import Address

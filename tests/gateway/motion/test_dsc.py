@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.dsc import (
+from pdgw.gateway.motion.dsc_setpoint import (
     Dsc,
     DscChoices,
     DscForm,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
-from pdgw.gateway.motion.messages import MessageWord, reduced_torque
+from pdgw.gateway.motion.requests import MessageWord, reduced_torque
 from pdgw.profidrive.signals import signal
 
 WORD = MessageWord(6000)

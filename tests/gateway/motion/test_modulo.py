@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.gateway.motion.modulo import Direction, Ring, way
+from pdgw.gateway.motion.units import Direction, Ring, way
 from pdgw.gateway.reasons import Reason
 from tests.support.axis.positioner import SETTINGS, PositionerRig
 

@@ -8,8 +8,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import AxisState
 from pdgw.gateway.service.status import snapshot
 from pdgw.profidrive.words import unswapped
-from pdgw.tools.output.status_check import check_line
-from pdgw.tools.output.status_text import cause_sentence, object_lines
+from pdgw.tools.output.status_text import cause_sentence, check_line, object_lines
 from tests.support.documents.situation_table import BY_LINK
 from tests.support.documents.situations import Situation, at_situation, settle
 from tests.support.gateways.daemon import ON, POSITIONER, Plc, axis, configuration, running

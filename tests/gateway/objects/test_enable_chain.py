@@ -16,7 +16,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN, ChainLink
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
-from pdgw.tools.output.status_check import Health, check_line
+from pdgw.tools.output.status_text import Health, check_line
 from tests.support.documents.situation_table import situation_table, written_table
 from tests.support.documents.situations import (
     BREAKERS,

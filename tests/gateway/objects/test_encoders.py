@@ -6,7 +6,6 @@ from contextlib import AbstractContextManager
 
 import pytest
 
-from pdgw.client.udp import ParameterClient
 from pdgw.ds301.loop.loop import Event
 from pdgw.gateway.axis.settings import SecondSensor
 from pdgw.gateway.axis.telegrams import drive_layout
@@ -16,8 +15,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import encoder_status, snapshot
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
-from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
+from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.output.status_text import status_lines
 from tests.support.documents.sensor_format import decode_sensor_format
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, running, serving, until

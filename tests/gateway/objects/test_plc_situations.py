@@ -7,8 +7,7 @@ import pytest
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.service.status import snapshot
-from pdgw.tools.output.status_check import Health, check_line
-from pdgw.tools.output.status_text import status_lines
+from pdgw.tools.output.status_text import Health, check_line, status_lines
 from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS
 from tests.support.documents.situation_table import BY_LINK
 from tests.support.documents.situations import BREAKERS, at_situation, settle

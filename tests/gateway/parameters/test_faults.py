@@ -10,10 +10,10 @@ from pdgw.ds301.loop.loop import Event
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
-from pdgw.peers.drive.family import DRIVE_FAULTS
+from pdgw.peers.drive.objects import DRIVE_FAULTS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
-from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
 from tests.support.gateways.daemon import client as client_of
 from tests.support.gateways.parameters import error, gateway, number, value, word, write

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from pdgw.client.udp import ParameterClient
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
@@ -19,9 +18,9 @@ from pdgw.durations import MS
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess, RequestContext
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import ParameterAddress, Values
-from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
-from pdgw.profidrive.parameters.errors import ParameterRefused
+from pdgw.profidrive.parameters.codec import ParameterAddress, ParameterRefused, Values
+from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
+from pdgw.tools.client.udp import ParameterClient
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until, world_of
 
 GUARDED_INDICES = (

@@ -7,15 +7,15 @@ from uuid import UUID, uuid4
 
 import pytest
 
-from pdgw.client.udp import ParameterClient
 from pdgw.ds301.aborts import ABORT_TEXTS, Abort
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.parameters.codec import ParameterAddress, decode_response
-from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import object_uuid
+from pdgw.tools.client.udp import ParameterClient
 from tests.support.gateways.daemon import axis
 from tests.support.gateways.daemon import client as client_of
 from tests.support.gateways.parameters import error, gateway, value

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.client.udp import ParameterClient
 from pdgw.ds301.aborts import ABORT_TEXTS
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.sdo_transfer import SdoAbortedError
@@ -23,8 +22,9 @@ from pdgw.peers.world import World
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
+from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.description import Description
-from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.output.status_text import status_lines
 from tests.support.gateways.daemon import (
     OFF,

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.durations import MS
+from pdgw.gateway.configuration.environment import ParametersConfig, TransportConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.tables.environment import ParametersConfig, TransportConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.manager import ParameterManager

@@ -11,9 +11,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import AxisState, Reason
 from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
-from pdgw.tools.output.status_check import check_line
-from pdgw.tools.output.status_text import object_lines, status_lines
-from pdgw.web.status.events import EventLog
+from pdgw.tools.output.status_text import check_line, object_lines, status_lines
+from pdgw.tools.web.status.events import EventLog
 from tests.support.documents.situations import settle
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
 

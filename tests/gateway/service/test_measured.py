@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.gateway.service.build import COMPILED, PURE
-from pdgw.gateway.service.measured import beyond_measured
+from pdgw.gateway.service.build import COMPILED, PURE, beyond_measured
 
 
 @pytest.mark.parametrize("build", [PURE, COMPILED])

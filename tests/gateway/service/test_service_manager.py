@@ -14,7 +14,7 @@ import pytest
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.service.service_manager import ServiceManager
+from pdgw.gateway.service.operating_system import ServiceManager
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import axis, configuration, world_of
 from tests.support.gateways.daemon import running as playing

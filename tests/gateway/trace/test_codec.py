@@ -8,7 +8,7 @@ import typing
 from collections.abc import Iterator
 from dataclasses import is_dataclass
 
-from pdgw.gateway.trace.codec import HOMES, recorded_class
+from pdgw.gateway.trace.steps import HOMES, recorded_class
 
 
 def test_every_class_within_a_recorded_value_is_found_by_its_name() -> None:

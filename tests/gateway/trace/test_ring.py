@@ -17,7 +17,7 @@ import pytest
 from pdgw.dsp402.states import State
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.trace import blocks
+from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.place import prepared, rings, run_directory
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
@@ -44,7 +44,7 @@ def test_a_ring_has_frames_words_values_and_reasons(tmp_path: Path) -> None:
         turn(plc)
         reader = RingReader(ring(plc).path)
         cycle = reader.cycles()[-1]
-        assert cycle.flags & ~blocks.WHOLE == blocks.FRESH | blocks.CONNECTED | blocks.ANSWERED
+        assert cycle.flags & ~pcapng.WHOLE == pcapng.FRESH | pcapng.CONNECTED | pcapng.ANSWERED
         assert reader.value(cycle, 0, "feedback", "velocity_actual") == 3000
         assert (reader.value(cycle, 0, "feedback", "statusword") or 0) & 0x6F == 0x27
         assert reader.value(cycle, 0, "command", "controlword") == 0x0F

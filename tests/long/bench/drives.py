@@ -12,7 +12,7 @@ import sys
 import time
 
 from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
-from pdgw.ds301.connection_set import NMT, SDO_REQUEST
+from pdgw.ds301.communication import NMT, SDO_REQUEST
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.durations import MS, SECOND

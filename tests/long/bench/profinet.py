@@ -19,18 +19,17 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.frames.engine import Decoder
-from pdgw.decoder.frames.records import CyclicRecord
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.controller.controller import Phase
-from pdgw.peers.controller.plc import project_of
-from pdgw.peers.controller.running import RunningController
+from pdgw.peers.controller.plc import RunningController, project_of
 from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.profinet.model import TELEGRAM_SUBSLOT
-from pdgw.recording.ethernet_capture import EthernetCapture
+from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.frames.engine import Decoder
+from pdgw.tools.decoder.frames.records import CyclicRecord
 from pdgw.tools.demo.namespaces import ADDRESS_HERE, HERE, THERE, VethPair
+from pdgw.tools.recording.recorder import EthernetCapture
 from tests.long.bench.exchange import cpu_ns
 
 TITLES = ("cycle", "", "p50", "p99", "max", "frames", "of a core")

@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import NMT, NmtCommand
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
-from pdgw.peers.plc.exchange.cycling import CyclingPlc
+from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
 from tests.support.gateways.daemon import drive_of, running, world_of

@@ -17,10 +17,10 @@ from playwright.sync_api import sync_playwright
 from pdgw.gateway.service.status import explanation, fault_status, snapshot
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.world import Plc
-from pdgw.recording.trace_file import captured
-from pdgw.web.parameters import PageParameters
-from pdgw.web.run import in_background
-from pdgw.web.status.watch import Watch
+from pdgw.tools.recording.trace_keeper import captured
+from pdgw.tools.web.parameters import PageParameters
+from pdgw.tools.web.run import in_background
+from pdgw.tools.web.status.watch import Watch
 from tests.support.gateways.daemon import axis, configuration, running, world_of
 
 _SHOTS = {"axes": "axes", "axis": "axis/1", "axis-dark": "axis/3", "telephone": "axes", "telephone-dark": "axis/1"}

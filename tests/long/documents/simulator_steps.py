@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from pdgw.durations import MS
-from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS
+from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint

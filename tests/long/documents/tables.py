@@ -16,9 +16,8 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, with_objects
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
 from pdgw.dsp406.faults import ENCODER_EMCY
-from pdgw.dsp406.kinds import EncoderType
+from pdgw.dsp406.kinds import Alarm, AreaState, EncoderType, Operating, Warnings
 from pdgw.dsp406.objects import PROFILE, ProfileObject
-from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import CONTROLWORDS, LIMIT_TEXTS, Action, Drive, Limit, Phase
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, LIMITS, ROWS
@@ -28,16 +27,15 @@ from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
 from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
-from pdgw.peers.drive.device import OBJECTS
-from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS
 from pdgw.peers.drive.model.shapes import SHAPES
+from pdgw.peers.drive.objects import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS, OBJECTS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
 from pdgw.profidrive.datatypes import UNVERIFIED, DataType
 from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SENSOR_STATUS, TRANSITIONS
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
-from pdgw.profidrive.parameters.errors import ERROR_TEXTS
+from pdgw.profidrive.parameters.codec import ERROR_TEXTS
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf, word_positions
 from pdgw.profidrive.words import Bit, Confidence

@@ -16,7 +16,7 @@ from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import ROTARY_AXIS, Latency
-from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
 from tests.long.rules import Seen
 from tests.long.soak.calm_tasks import program
 from tests.long.soak.plan import CYCLES_MS, AxisPlan, Part, Plan, shapes_of

@@ -7,7 +7,6 @@ import uuid
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final
 
-from pdgw.client.udp import ParameterClient
 from pdgw.dsp402.modes import Mode
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import (
@@ -17,7 +16,7 @@ from pdgw.gateway.axis.telegrams import (
     POSITIONER_TELEGRAM_NUMBERS,
     TASK_TELEGRAM_NUMBERS,
 )
-from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.encoder.motion import constant_speed, sine, still
 from pdgw.peers.plc.exchange.following import PositionLoop
 from pdgw.peers.world import WorldChannel
@@ -26,6 +25,7 @@ from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import float_of, float_pattern
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
+from pdgw.tools.client.udp import ParameterClient
 from tests.long.soak.plan import TRANSPARENT
 from tests.long.soak.watch import RATED_RPM, ViolationError
 

@@ -8,12 +8,11 @@ from functools import partial
 from random import Random
 from typing import TYPE_CHECKING
 
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT
-from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.communication import ERROR_CONTROL, NMT, NmtCommand, NmtState
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS
-from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.plc.exchange.cycling import CyclingPlc
+from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import Conditions
 
 if TYPE_CHECKING:

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from random import Random
 from typing import Final
 
-from pdgw.client.udp import ParameterClient
-from pdgw.dsp402.indices import PROFILE_ACCELERATION, PROFILE_DECELERATION, QUICK_STOP_DECELERATION
+from pdgw.dsp402.objects import PROFILE_ACCELERATION, PROFILE_DECELERATION, QUICK_STOP_DECELERATION
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.world import World, WorldChannel
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
+from pdgw.profidrive.parameters.description import Pnu
 from pdgw.profidrive.parameters.faults import SIZE
-from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
+from pdgw.tools.client.udp import ParameterClient
 from tests.long.soak.emcy_check import PendingEmcys
 
 HOST: Final = "192.168.0.20"

@@ -8,12 +8,12 @@ from itertools import takewhile
 from typing import Any, Final
 
 from pdgw.ds301.node.client import NodeClient
-from pdgw.dsp402.drive import tpdo_check
+from pdgw.dsp402.drive import checks
 from pdgw.dsp402.states import STATE_OF_STATUS
 from pdgw.durations import SECOND
 from pdgw.gateway.axis import interlock
-from pdgw.gateway.axis.adapters.base import ControlWordAdapter
-from pdgw.gateway.axis.adapters.speed import SpeedAdapter
+from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
+from pdgw.gateway.axis.adapters.speed_words import SpeedAdapter
 from pdgw.gateway.axis.demand_report import STATE_MASK, Flag, PowerWish
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import Action, Drive, Phase
@@ -103,8 +103,8 @@ def _iops_ignored(method: Any, self: CyclicEndpoint, data: bytes, *arguments: An
 
 def _never_trusted(patch: Patch) -> None:
     """An object that was sent with every motion is compared again, and the first difference counts."""
-    patch.setattr(tpdo_check.Place, "confirmed", property(lambda self: False))
-    patch.setattr(tpdo_check, "CONTRADICTIONS", 1)
+    patch.setattr(checks.Place, "confirmed", property(lambda self: False))
+    patch.setattr(checks, "CONTRADICTIONS", 1)
 
 
 _QUICK_STOP_COASTS: Final = each_cell(

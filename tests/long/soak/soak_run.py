@@ -14,7 +14,7 @@ from pathlib import Path
 from random import Random
 from typing import ClassVar, Final
 
-from pdgw.ds301.connection_set import EMCY
+from pdgw.ds301.communication import EMCY
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
@@ -22,18 +22,18 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.tables.environment import TraceConfig
+from pdgw.gateway.configuration.environment import TraceConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, Machine, shape
 from pdgw.peers.node.faults import WrongIdentity
-from pdgw.peers.plc.exchange.cycling import CyclingPlc
+from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
-from pdgw.recording.recordings import replayed
+from pdgw.tools.recording.recordings import replayed
 from tests.long.rules import Seen
 from tests.long.soak.disturbances import DISTURBANCES, PLC_HOST, UNPLUGGED, Disturbance, Undo
 from tests.long.soak.emcy_check import PendingEmcys

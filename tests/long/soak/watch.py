@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.ds301.nmt import NmtState
+from pdgw.ds301.communication import NmtState
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import PlcLossReaction

@@ -22,10 +22,10 @@ from pdgw.gateway.axis.telegrams import (
     TASK_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.motion.blocks import Block
-from pdgw.gateway.motion.dsc import DscChoices, DscForm
+from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import shape
-from pdgw.profidrive.sign_of_life import MONITORING_OFF
+from pdgw.profidrive.frame import MONITORING_OFF
 from tests.long.rules import Rule
 from tests.long.walk.brakes import BrakeMonitor
 from tests.long.walk.drive import anything, guarded

@@ -18,19 +18,17 @@ from typing import Any, Final
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
-from pdgw.gateway.axis.adapters.base import _UNCONTROLLED, Adapter, ControlWordAdapter
-from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
-from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
+from pdgw.gateway.axis.adapters.adapter import _UNCONTROLLED, Adapter, ControlWordAdapter
+from pdgw.gateway.axis.adapters.position_words import PositionerAdapter, PositioningAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
-from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
-from pdgw.gateway.axis.executors.base import LimitWatch
 from pdgw.gateway.axis.executors.dsc import DscExecutor
+from pdgw.gateway.axis.executors.executor import LimitWatch
 from pdgw.gateway.axis.executors.positions.homing import Homing
+from pdgw.gateway.axis.executors.positions.limits import Stall
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
-from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
-from pdgw.gateway.axis.executors.positions.stall import Stall
+from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Interlock
@@ -38,13 +36,13 @@ from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
 from pdgw.gateway.axis.supervision.stop_supervision import HaltWatch, OperationWatch, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
-from pdgw.gateway.axis.values import Inputs, Outputs
+from pdgw.gateway.axis.values import Answer, Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, Motion, Outcome, Seen
 from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course
-from pdgw.profidrive.sign_of_life import SignOfLife
+from pdgw.profidrive.frame import SignOfLife
 
 OF: Final[dict[type, dict[str, Any]]] = {
     DriveCommand: {

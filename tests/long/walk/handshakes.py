@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
-from pdgw.gateway.axis.executors.positions.positioning import PositioningExecutor
+from pdgw.gateway.axis.executors.positions.telegram_9 import PositioningExecutor
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish

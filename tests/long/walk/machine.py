@@ -12,7 +12,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.profidrive.sign_of_life import following
+from pdgw.profidrive.frame import following
 from pdgw.profidrive.signals import signal
 from tests.long.walk.checkpoint import Checkpoint, Checkpoints
 from tests.long.walk.plc import HOMING_METHOD

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import (
+    ERROR_TEXTS,
     MAX_ELEMENTS,
     ZERO,
     Attribute,
     ParameterAddress,
+    ParameterErrorNumber,
     Request,
     RequestError,
     RequestId,
@@ -27,7 +29,6 @@ from pdgw.profidrive.parameters.codec import (
     encode_response,
     unswap,
 )
-from pdgw.profidrive.parameters.errors import ERROR_TEXTS, ParameterErrorNumber
 
 GUIDE = bytes.fromhex("01 01 00 01 10 01 10 18 00 03")
 

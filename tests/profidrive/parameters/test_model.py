@@ -17,6 +17,7 @@ from pdgw.profidrive.parameters.codec import (
     ZERO,
     Attribute,
     ParameterAddress,
+    ParameterRefused,
     Request,
     RequestId,
     Response,
@@ -24,9 +25,8 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
+from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.description import Description
-from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
-from pdgw.profidrive.parameters.errors import ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer, converted, respond
 
 _BLOCK = 240

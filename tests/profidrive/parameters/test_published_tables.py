@@ -21,9 +21,8 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     encode_response,
 )
-from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.description import Description, Pnu
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer, respond
-from pdgw.profidrive.parameters.pnu import Pnu
 
 CODES = {
     "BOOLEAN": (1, 1),

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scapy.contrib import pnio_rpc
 
-from pdgw.profinet.blocks import connect, control
-from pdgw.profinet.blocks.connect import (
+from pdgw.profinet.blocks import connect_blocks, control
+from pdgw.profinet.blocks.connect_blocks import (
     AlarmCrBlockReq,
     ArBlockReq,
     DataDescription,
@@ -30,7 +30,7 @@ INITIATOR = object_uuid(1, 2, 3)
 MAC = bytes.fromhex("020000000001")
 
 AR = ArBlockReq(
-    ar_type=connect.ArType.IO,
+    ar_type=connect_blocks.ArType.IO,
     ar_uuid=AR_UUID,
     session_key=7,
     initiator_mac=MAC,
@@ -41,7 +41,7 @@ AR = ArBlockReq(
     station_name="plc-1",
 )
 IOCR = IocrBlockReq(
-    iocr_type=connect.IocrType.INPUT,
+    iocr_type=connect_blocks.IocrType.INPUT,
     reference=1,
     lt=0x8892,
     properties=2,

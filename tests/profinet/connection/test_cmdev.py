@@ -15,7 +15,7 @@ from pdgw.profinet.alarms import apmx
 from pdgw.profinet.alarms.apmx import PduType
 from pdgw.profinet.alarms.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.blocks.alarm import Priority
-from pdgw.profinet.blocks.connect import IocrType, ModuleDiffBlock
+from pdgw.profinet.blocks.connect_blocks import IocrType, ModuleDiffBlock
 from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlCommand, PrmBeginReq, PrmEndReq, ReleaseReq
 from pdgw.profinet.connection import cmdev
 from pdgw.profinet.connection.cmdev import (

@@ -9,7 +9,7 @@ from uuid import UUID
 
 import pytest
 
-from pdgw.profinet.blocks.connect import (
+from pdgw.profinet.blocks.connect_blocks import (
     AlarmCrBlockReq,
     ArBlockReq,
     ExpectedSubmoduleBlockReq,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from pdgw.peers.controller.project import INPUT_FRAME_ID, Layout, Project
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet.blocks.connect import (
+from pdgw.profinet.blocks.connect_blocks import (
     DISCARD_IOXS,
     ArBlockRes,
     ArServerBlockRes,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pdgw.durations import MS
 from pdgw.profidrive.frame import STATUS_NO_PROBLEM, STATUS_NORMAL, STATUS_STOP
 from pdgw.profinet import ethernet
-from pdgw.profinet.blocks.connect import HOLD_MAX_NS, IocrType
+from pdgw.profinet.blocks.connect_blocks import HOLD_MAX_NS, IocrType
 from pdgw.profinet.connection.cpm import STATUS_IGNORE, Consumer, Verdict
 from pdgw.profinet.connection.ppm import Provider
 from tests.support.wire.connect import Caller, blocks

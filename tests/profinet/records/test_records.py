@@ -10,8 +10,8 @@ import pytest
 
 from pdgw.durations import MS
 from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass, Severity
-from pdgw.profinet.blocks.connect import ArType
-from pdgw.profinet.blocks.records import (
+from pdgw.profinet.blocks.connect_blocks import ArType
+from pdgw.profinet.blocks.record_blocks import (
     ArData,
     ExpectedIdentification,
     LogData,

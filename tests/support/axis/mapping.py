@@ -8,7 +8,7 @@ from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.node.plan import plan_steps, straight_plan
 from pdgw.ds301.pdo import PdoLayout
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, with_objects
-from pdgw.peers.drive.family import FAMILY
+from pdgw.peers.drive.objects import FAMILY
 
 
 def engel_layout(operation: Operation) -> PdoLayout:

@@ -8,15 +8,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pdgw.decoder.frames.engine import Settings, given_axes
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
-from pdgw.recording.recordings import Known, Opening, look_ahead
+from pdgw.tools.decoder.frames.engine import Settings, given_axes
+from pdgw.tools.recording.recordings import Known, Opening, look_ahead
 from tests.support.axis.rig import NODE, Rig
 from tests.support.drives.drive_types import REFERENCE_OBJECTS
 from tests.support.readers import captures

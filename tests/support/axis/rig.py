@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.modes import Mode
@@ -14,11 +14,11 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode
-from pdgw.gateway.motion.dsc import DscForm
+from pdgw.gateway.motion.dsc_setpoint import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR_AXIS, Machine, SimulatedDriveNode
-from pdgw.peers.drive.family import FAMILY
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
+from pdgw.peers.drive.objects import FAMILY
 from tests.support.axis.mapping import pdo_steps
 from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
+from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
-from pdgw.gateway.axis.executors.positions.positioning import PositioningExecutor
+from pdgw.gateway.axis.executors.positions.telegram_9 import PositioningExecutor
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.power_states import Drive
 from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
 from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, NodeNotice, Notice, SdoAnswer, SdoWrite
-from pdgw.gateway.motion.dsc import DscChoices, DscForm
+from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
 from tests.support.axis.positioner import CHOICES
 from tests.support.drives.drive_types import References, engel

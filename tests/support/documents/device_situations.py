@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from pdgw.ds301.communication import EMCY_COB_ID
-from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.node.node import SimulatedNode
 from pdgw.profidrive.signals import signal
-from pdgw.tools.output.status_check import Health
+from pdgw.tools.output.status_text import Health
 from tests.support.documents.situations import Situation, acknowledge, both, online, send, words
 from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, drive_of, encoder_of
 

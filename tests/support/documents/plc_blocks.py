@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from pdgw.profidrive.telegrams import TELEGRAMS
+from pdgw.tools.plc.code import has_axis, motion_blocks
 from pdgw.tools.plc.declarations import Declared, declarations
 from pdgw.tools.plc.library import axis_block, block_name, telegram_block, template
-from pdgw.tools.plc.motion import has_axis, motion_blocks
 from tests.long.documents.markdown import table
 
 _DOCS = Path(__file__).parents[3] / "docs"

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.links.profinet.identity import profinet_model
+from pdgw.gateway.links.profinet.station import profinet_model
 from pdgw.peers.controller.controller import Phase
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NORMAL, TRAILER
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.output.status_check import Health
+from pdgw.tools.output.status_text import Health
 from tests.support.documents.situations import Situation, Step, both, good
 from tests.support.gateways.daemon import OFF, Plc
 from tests.support.gateways.profinet_daemon import ControllerPlc, Plant

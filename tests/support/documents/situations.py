@@ -18,11 +18,10 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.encoder import SimulatedEncoder
-from pdgw.tools.output.status_check import Health, check_line
-from pdgw.tools.output.status_text import cause_sentence, object_lines, status_lines
-from pdgw.web.metrics import exposition
-from pdgw.web.mqtt import object_message
-from pdgw.web.status.watch import Watch
+from pdgw.tools.output.status_text import Health, cause_sentence, check_line, object_lines, status_lines
+from pdgw.tools.web.metrics import exposition
+from pdgw.tools.web.mqtt import object_message
+from pdgw.tools.web.status.watch import Watch
 from tests.support.gateways import profinet_daemon
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
 from tests.support.page import ShownGateway, look

@@ -12,7 +12,7 @@ from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.plc.exchange.cycling import CyclingPlc
+from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram

@@ -20,8 +20,8 @@ from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.identification.generic import generic_objects
 from pdgw.dsp402.modes import SUPPORTED_MODES
 from pdgw.dsp402.pdo.layouts import pdo
-from pdgw.peers.drive.device import OBJECTS, REVISION
 from pdgw.peers.drive.model.shapes import Shape, addresses
+from pdgw.peers.drive.objects import OBJECTS, REVISION
 
 _COUNTS, _REVOLUTIONS = Fraction(4096, 60), Fraction(1, 60)
 _BASES = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
 from pdgw.peers.drive import LINEAR_AXIS, DriveModel, Machine, SimulatedDriveNode

@@ -12,11 +12,11 @@ from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, answers_of_defaults, describe, questions
-from pdgw.dsp402.indices import SUPPORTED_DRIVE_MODES
+from pdgw.dsp402.objects import SUPPORTED_DRIVE_MODES
 from pdgw.peers.drive import shape
-from pdgw.peers.drive.device import EDS_PATH
-from pdgw.peers.drive.device import PRODUCT_CODE as ENGEL_PRODUCT
-from pdgw.peers.drive.device import VENDOR_ID as ENGEL_VENDOR
+from pdgw.peers.drive.objects import EDS_PATH
+from pdgw.peers.drive.objects import PRODUCT_CODE as ENGEL_PRODUCT
+from pdgw.peers.drive.objects import VENDOR_ID as ENGEL_VENDOR
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.communication import NmtCommand
 from pdgw.durations import MS
 from pdgw.peers.node.node import SimulatedNode
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from pdgw.ds301.communication import communication_objects, pdo_objects
-from pdgw.ds301.nmt import NmtState
+from pdgw.ds301.communication import NmtState, communication_objects, pdo_objects
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.pdo.layouts import pdo

@@ -12,7 +12,7 @@ from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.objects import EDS_PATH
 from tests.support.gateways import site
 
 NODE = 4

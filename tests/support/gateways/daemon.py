@@ -7,12 +7,10 @@ from contextlib import contextmanager
 from typing import TypeVar
 from unittest.mock import patch
 
-from pdgw.client import udp as client_module
-from pdgw.client.udp import ParameterClient
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.acyclic import AcyclicServer
@@ -22,6 +20,8 @@ from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import Gateway, World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.client import udp as client_module
+from pdgw.tools.client.udp import ParameterClient
 
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
 OFF, ON = 0x047E, 0x047F

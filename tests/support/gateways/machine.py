@@ -10,7 +10,7 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.platform import open_configured_bus
-from pdgw.peers.simulation.configured_devices import add_device, simulated_devices
+from pdgw.peers.simulation.config import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from tests import conftest
 from tests.support import buses

@@ -12,7 +12,7 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.links.profinet.link import ProfinetLink
+from pdgw.gateway.links.profinet.io_device import ProfinetLink
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project

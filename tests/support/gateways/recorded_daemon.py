@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdgw.decoder.replay.replay import Difference, Replayed
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.recording.recordings import replayed
-from pdgw.recording.trace_file import save
+from pdgw.tools.decoder.replay import Difference, Replayed
+from pdgw.tools.recording.recordings import replayed
+from pdgw.tools.recording.trace_keeper import save
 from tests.support.gateways.daemon import Plc, running
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.configuration.tables.environment import CanConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.world import Member, World

@@ -9,7 +9,7 @@ from typing import Any
 from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.telegrams import TELEGRAMS
-from pdgw.tools.plc.motion import STATES, has_axis
+from pdgw.tools.plc.code import STATES, has_axis
 from tests.support.gateways.daemon import drive_of, running
 from tests.support.plc.structured_text import TextPlc, config_of, program
 

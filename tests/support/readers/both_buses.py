@@ -11,11 +11,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import BinaryIO
 
-from pdgw.decoder.frames.records import LinkType
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.trace.blocks import udp_header
+from pdgw.gateway.trace.pcapng import udp_header
 from pdgw.profidrive.frame import (
     CYCLIC_PORT,
     FRAME_ID_TO_CONTROLLER,
@@ -26,6 +25,7 @@ from pdgw.profidrive.frame import (
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.tools.decoder.frames.records import LinkType
 
 _CYCLE_NS = MS
 _COUNTER_STEP = 32

@@ -5,16 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdgw.decoder.frames.records import Record
-from pdgw.decoder.timeline.entries import (
-    Anomaly,
-    AnomalyKind,
-    Edge,
-    Entry,
-    Summary,
-    WordKind,
-)
-from pdgw.recording.recordings import Opening, Part, followed, known_from, look_ahead
+from pdgw.tools.decoder.frames.records import Record
+from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Summary, WordKind
+from pdgw.tools.recording.recordings import Opening, Part, followed, known_from, look_ahead
 from tests.support.axis.recorded import RecordedRig
 
 

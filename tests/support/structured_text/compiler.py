@@ -16,7 +16,7 @@ from itertools import count
 from typing import Any, Final, NamedTuple
 
 from pdgw.durations import MS, SECOND
-from pdgw.tools.plc.tokens import StructuredTextError, Token, pieces
+from pdgw.tools.plc.declarations import StructuredTextError, Token, pieces
 from tests.support.structured_text import types
 from tests.support.structured_text.functions import FUNCTIONS, blocks, conversion
 

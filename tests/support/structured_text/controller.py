@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.tools.plc.tokens import StructuredTextError
+from pdgw.tools.plc.declarations import StructuredTextError
 from tests.support.structured_text.compiler import Compiler
 from tests.support.structured_text.types import Array, Unit, Value, Variable
 

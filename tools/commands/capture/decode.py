@@ -17,14 +17,14 @@ from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import counted
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.commands.capture.options import Station
+from pdgw.tools.options import Station
 
 if TYPE_CHECKING:
-    from pdgw.decoder.capture.source import Source
-    from pdgw.decoder.export.archive import ArchiveOptions
-    from pdgw.decoder.export.writers import Writer
-    from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet
-    from pdgw.decoder.view.selection import Selection
+    from pdgw.tools.decoder.capture.source import Source
+    from pdgw.tools.decoder.export.archive import ArchiveOptions
+    from pdgw.tools.decoder.export.writers import Writer
+    from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Packet
+    from pdgw.tools.decoder.view.filter import Selection
 
 _LATE_NS = 2 * SECOND
 """Greatest disorder of packets in a file. Reading stops when a packet is later than ``--to`` by more than this."""
@@ -80,15 +80,13 @@ def decode(
     ] = None,
 ) -> None:
     """Decode hexadecimal data (--hex), a capture of either bus, or the live frames of a bus."""
-    from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead
-    from pdgw.decoder.capture.pcapng_file import configuration_in
-    from pdgw.decoder.export.archive import ArchiveOptions, is_data_set
-    from pdgw.decoder.export.writers import CsvWriter, JsonWriter, ParquetWriter, StatsWriter, TextWriter
-    from pdgw.decoder.frames.engine import Decoder
-    from pdgw.decoder.view.changes import Changes
-    from pdgw.decoder.view.filter import Filter
-    from pdgw.decoder.view.selection import Selection
     from pdgw.ds301.bus.load import DEFAULT_BITRATE
+    from pdgw.tools.decoder.capture.knowledge import known_beforehand, look_ahead
+    from pdgw.tools.decoder.capture.pcap import configuration_in
+    from pdgw.tools.decoder.export.archive import ArchiveOptions, is_data_set
+    from pdgw.tools.decoder.export.writers import CsvWriter, JsonWriter, ParquetWriter, StatsWriter, TextWriter
+    from pdgw.tools.decoder.frames.engine import Decoder
+    from pdgw.tools.decoder.view.filter import Changes, Filter, Selection
 
     if sum(source is not None for source in (files or None, hex_text, live)) != 1:
         raise GatewayError("give one of: files (or -), --hex, --live")
@@ -146,8 +144,8 @@ def decode(
 
 def _hex_packets(text: str, telegrams: list[int]) -> tuple[list[Packet], list[int]]:
     """The packets that carry the data and the telegrams of their axes: telegram words can be setpoints and actual values."""
-    from pdgw.decoder.frames.recognise import packet_of, parse_hex, swapped_words
     from pdgw.profidrive.telegrams import Direction
+    from pdgw.tools.decoder.frames.recognise import packet_of, parse_hex, swapped_words
 
     data = parse_hex(text)
     found: list[tuple[Packet, list[int]]] = []
@@ -170,8 +168,8 @@ def _hex_packets(text: str, telegrams: list[int]) -> tuple[list[Packet], list[in
 
 def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions) -> None:
     """Decode the files and print a result for each. The exit status is 1 when a file is damaged."""
-    from pdgw.decoder.export.archive import captures_of, write_data_set
-    from pdgw.recording.progress import with_progress_of
+    from pdgw.tools.decoder.export.archive import captures_of, write_data_set
+    from pdgw.tools.recording.progress import with_progress_of
 
     captures = captures_of(files)
     begin = time.monotonic()
@@ -193,8 +191,8 @@ def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions) -
 
 
 def _open(file: str | None, live: str | None, packets: Sequence[Packet]) -> Source:
-    from pdgw.decoder.capture.live import open_can, open_interface
-    from pdgw.decoder.capture.source import Source, open_source
+    from pdgw.tools.decoder.capture.live import open_can, open_interface
+    from pdgw.tools.decoder.capture.source import Source, open_source
 
     if packets:
         return Source("--hex", iter(packets))
@@ -225,7 +223,7 @@ def _run(
     zero_ns: int | None,
 ) -> None:
     """Decode until the end of the input, Ctrl-C or a damaged packet. The writers are closed in each case."""
-    from pdgw.recording.progress import with_progress
+    from pdgw.tools.recording.progress import with_progress
 
     try:
         try:
@@ -249,8 +247,8 @@ def _loop(
     limits: tuple[str | None, str | None],
     zero_ns: int | None,
 ) -> None:
-    from pdgw.decoder.capture.moments import moment
-    from pdgw.decoder.export.writers import TextWriter
+    from pdgw.tools.decoder.capture.live import moment
+    from pdgw.tools.decoder.export.writers import TextWriter
 
     first = next(packets, None)
     if first is None:

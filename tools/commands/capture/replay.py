@@ -14,7 +14,7 @@ from pdgw.durations import SECOND
 from pdgw.phrases import counted
 
 if TYPE_CHECKING:
-    from pdgw.decoder.replay.replay import Replayed
+    from pdgw.tools.decoder.replay import Replayed
 
 
 def replay(
@@ -22,7 +22,7 @@ def replay(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Run a recording through this version of the gateway; exit status 1 if it decides or sends something else."""
-    from pdgw.recording.recordings import replayed, write_lines
+    from pdgw.tools.recording.recordings import replayed, write_lines
 
     outcomes = replayed([str(file) for file in files])
     write_lines(iter([json.dumps([_document(item) for item in outcomes])]) if as_json else _text(outcomes))

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.commands.capture.options import Config, Files, Nodes, Offset, Station, Telegrams
+from pdgw.tools.options import Config, Files, Nodes, Offset, Station, Telegrams
 from pdgw.tools.output.files import to_be_written
 
 if TYPE_CHECKING:
-    from pdgw.recording.recordings import Opening, Part
+    from pdgw.tools.recording.recordings import Opening, Part
 
 
 def timeline(
@@ -37,8 +37,8 @@ def timeline(
     ] = None,
 ) -> None:
     """Merge captures of both buses: each command of the PLC with its result, its duration and the reason if it had no effect."""
-    from pdgw.decoder.capture.moments import moment
-    from pdgw.recording.recordings import (
+    from pdgw.tools.decoder.capture.live import moment
+    from pdgw.tools.recording.recordings import (
         Part,
         known_from,
         look_ahead,
@@ -67,9 +67,9 @@ def timeline(
 
 
 def _documents(opening: Opening, part: Part) -> Iterator[str]:
-    from pdgw.decoder.frames.records import Record
-    from pdgw.decoder.timeline.entries import Summary
-    from pdgw.recording.recordings import followed
+    from pdgw.tools.decoder.frames.records import Record
+    from pdgw.tools.decoder.timeline.entries import Summary
+    from pdgw.tools.recording.recordings import followed
 
     clocks = opening.clocks
     yield json.dumps(
@@ -94,11 +94,11 @@ def _documents(opening: Opening, part: Part) -> Iterator[str]:
 
 
 def _text(opening: Opening, part: Part, *, verbose: bool) -> Iterator[str]:
-    from pdgw.decoder.frames.records import Record
-    from pdgw.decoder.timeline.entries import Summary
-    from pdgw.decoder.timeline.text import Repetitions, entry_lines, summary_lines
-    from pdgw.decoder.view.render import record_line
-    from pdgw.recording.recordings import followed
+    from pdgw.tools.decoder.frames.records import Record
+    from pdgw.tools.decoder.timeline.entries import Summary
+    from pdgw.tools.decoder.timeline.text import Repetitions, entry_lines, summary_lines
+    from pdgw.tools.decoder.view.render import record_line
+    from pdgw.tools.recording.recordings import followed
 
     summary = Summary(opening.known.age_limit_ns)
     zero_ns = opening.begin_ns

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.termination import INTERRUPTED
+from pdgw.tools.options import INTERRUPTED
 
 if TYPE_CHECKING:
     from pdgw.ds301.loop.loop import Loop
@@ -44,8 +44,7 @@ def try_out(
     """Turn an axis slowly without a PLC, after a typed confirmation, and compare commanded and measured values."""
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.platform import SystemPlatform
-    from pdgw.gateway.service.confirmed_units import confirmation
-    from pdgw.gateway.store import ParameterStore
+    from pdgw.gateway.store import ParameterStore, confirmation
     from pdgw.tools.bus_task import complete
     from pdgw.tools.commissioning.axis_test import AxisTest, Choices
     from pdgw.tools.service.child_processes import device_processes

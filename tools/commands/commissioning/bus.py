@@ -16,7 +16,7 @@ from pdgw.gateway.errors import GatewayError, writing
 
 if TYPE_CHECKING:
     from pdgw.gateway.commissioning.scan import Expected, FoundNode
-    from pdgw.gateway.configuration.tables.environment import CanConfig
+    from pdgw.gateway.configuration.environment import CanConfig
 
 app = typer.Typer(help="List the nodes of a CAN bus, without a running gateway.", no_args_is_help=True)
 
@@ -47,10 +47,9 @@ def scan(
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
 ) -> None:
     """List the nodes on a bus, their types and what they lack for each telegram; read-only."""
-    from pdgw.gateway.commissioning.draft import draft
-    from pdgw.gateway.commissioning.scan import Scan, expected_on, load_sheets
+    from pdgw.gateway.commissioning.scan import Scan, draft, expected_on, load_sheets
+    from pdgw.gateway.configuration.environment import CanConfig
     from pdgw.gateway.configuration.file import load_config
-    from pdgw.gateway.configuration.tables.environment import CanConfig
     from pdgw.tools.bus_task import complete, opened
 
     if write is not None and (config is not None or write.exists()):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pdgw.ds301.node.plan import PdoPlan
     from pdgw.gateway.axis.settings import AxisSettings
     from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-    from pdgw.gateway.configuration.tables.environment import CanConfig
+    from pdgw.gateway.configuration.environment import CanConfig
 
 app = typer.Typer(help="Print an example configuration, or check a file.", no_args_is_help=True)
 
@@ -23,7 +23,7 @@ app = typer.Typer(help="Print an example configuration, or check a file.", no_ar
 @app.command()
 def example() -> None:
     """Print a commented configuration."""
-    from pdgw.gateway.configuration.example import example as example_text
+    from pdgw.gateway.configuration.file import example as example_text
 
     typer.echo(example_text(), nl=False)
 
@@ -39,7 +39,7 @@ def check(
     """Validate a file; print one line for each error (exit status 1)."""
     from pdgw.gateway.configuration.check import references_wrong
     from pdgw.gateway.configuration.file import load_config
-    from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
+    from pdgw.gateway.service.operating_system import NEEDED_BELOW_MS
     from pdgw.gateway.store import stored_parameters
 
     config = load_config(file)
@@ -88,7 +88,7 @@ def _check_buses(config: GatewayConfig) -> bool:
 
 def _scheduling(config: GatewayConfig) -> str:
     """What a short cycle requires from the operating system, as text."""
-    from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
+    from pdgw.gateway.service.operating_system import NEEDED_BELOW_MS
 
     return (
         f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/operation.md); "
@@ -118,7 +118,7 @@ def _print_bus_load(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, P
 def _start(config: GatewayConfig) -> None:
     """Find all other errors of a start: build the gateway in a simulated world, without interfaces, ports or files."""
     from pdgw.gateway.assembly import build_gateway
-    from pdgw.gateway.configuration.tables.environment import TransportConfig
+    from pdgw.gateway.configuration.environment import TransportConfig
     from pdgw.peers.world import World
 
     # A PROFINET link needs a real network interface, so UDP replaces it.
@@ -140,10 +140,10 @@ def _print_missing_objects(axis: AxisConfig, settings: AxisSettings) -> None:
 
 def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     """Read an axis' drive and print its 100 % values and PDOs. None when the drive cannot run the telegram."""
-    from pdgw.ds301.errors import CanopenError
+    from pdgw.ds301.aborts import CanopenError
     from pdgw.ds301.node.inquiry import Inquiry
     from pdgw.dsp402.drive.client import load_eds
-    from pdgw.dsp402.identification.probe import probe
+    from pdgw.dsp402.identification.generic import probe
     from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines, planned
     from pdgw.tools.bus_task import complete, opened
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pdgw.ds301.connection_set import NODE_IDS
+from pdgw.ds301.communication import NODE_IDS
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import did_you_mean
 

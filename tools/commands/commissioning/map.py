@@ -76,10 +76,10 @@ def map_(
 ) -> None:
     """Print the byte map of a configuration, with unit and 100 % of every value, or code for the PLC."""
     from pdgw.gateway.configuration.byte_map import frame_maps
+    from pdgw.gateway.configuration.environment import TransportConfig
     from pdgw.gateway.configuration.file import load_config
-    from pdgw.gateway.configuration.tables.environment import TransportConfig
     from pdgw.gateway.store import stored_parameters
-    from pdgw.tools.output.gsdml import write_gsdml
+    from pdgw.tools.output.data_sheets import write_gsdml
     from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
     from pdgw.tools.plc.plcopen import plcopen_xml
     from pdgw.tools.plc.udp import Sockets
@@ -153,7 +153,7 @@ def _tables(tables: Sequence[tuple[str, Sequence[tuple[str, int, Place]]]], widt
     """Format tables with a title. A row has the owner of a value, its byte offset and its name."""
     from rich.console import Console
 
-    from pdgw.tools.output.tables import plain_table
+    from pdgw.tools.output.files import plain_table
 
     console = Console(file=io.StringIO(), width=width or Console().width)
     for title, rows in tables:

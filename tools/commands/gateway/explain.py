@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
+from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.errors import writing
 
 
@@ -48,7 +48,7 @@ def explained_line(line: dict[str, Any]) -> str:
 
 def _write(path: Path, lines: list[str], document: dict[str, Any]) -> None:
     from pdgw.gateway.trace.reader import RingReader
-    from pdgw.recording.trace_file import part_of
+    from pdgw.tools.recording.trace_keeper import part_of
 
     with writing(path), zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("explain.txt", "\n".join(lines) + "\n")

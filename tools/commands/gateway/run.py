@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.gateway.configuration.tables.defaults import SIMULATED_ENCODER_TELEGRAM
+from pdgw.gateway.configuration.defaults import SIMULATED_ENCODER_TELEGRAM
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.commands.simulation.options import only_with, telegrams_of_axes
+from pdgw.tools.options import only_with, telegrams_of_axes
 from pdgw.tools.service.log_format import LogFormat, LogLevel
 
 if TYPE_CHECKING:
     from pdgw.explain import Problem
     from pdgw.gateway.configuration.config import GatewayConfig
-    from pdgw.gateway.configuration.tables.environment import CanConfig
+    from pdgw.gateway.configuration.environment import CanConfig
 
 log = logging.getLogger("gateway")
 
@@ -111,12 +111,10 @@ def run(
     SIGHUP opens the log file again.
     """
     from pdgw.gateway.assembly import build_gateway
-    from pdgw.gateway.configuration.example import simulated
-    from pdgw.gateway.configuration.file import load_config
+    from pdgw.gateway.configuration.file import load_config, simulated
     from pdgw.gateway.last_words import kept_last_words
-    from pdgw.gateway.service import realtime
-    from pdgw.gateway.service.build import build_text
-    from pdgw.gateway.service.measured import beyond_measured
+    from pdgw.gateway.service import operating_system
+    from pdgw.gateway.service.build import beyond_measured, build_text
     from pdgw.gateway.trace.place import run_directory
     from pdgw.tools.service.child_processes import device_processes, page_process, trace_keeper
     from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
@@ -148,7 +146,7 @@ def run(
     with ExitStack() as at_end:
         at_end.enter_context(kept_last_words(chosen.transport.status_port))
         keep = at_end.enter_context(trace_keeper(chosen.trace))
-        scheduling = realtime.request(chosen.transport.cycle_time_ms)
+        scheduling = operating_system.request(chosen.transport.cycle_time_ms)
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
         log.info("pdgw %s; %s", build_text(), config or "simulated devices")
@@ -169,7 +167,7 @@ def run(
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recorder.record, _log_name(bus)))
         if record is not None:
-            from pdgw.recording.recorder import Recording
+            from pdgw.tools.recording.recorder import Recording
 
             if daemon.recorder is None:
                 raise GatewayError(

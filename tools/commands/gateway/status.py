@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
+from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 
 _PERIOD_S = 1.0
@@ -79,7 +79,7 @@ def _document(port: int, *, faults: bool) -> dict[str, Any]:
 
 def _check(port: int) -> None:
     from pdgw.gateway.service.status_client import fetch
-    from pdgw.tools.output.status_check import Health, check_line
+    from pdgw.tools.output.status_text import Health, check_line
 
     try:
         health, line = check_line(fetch(port))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pdgw.durations import SECOND
-from pdgw.gateway.configuration.tables.defaults import Trigger
+from pdgw.gateway.configuration.defaults import Trigger
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import counted
 
@@ -46,7 +46,7 @@ def save_(
 ) -> None:
     """Write both buses and the configuration as pcapng, for Wireshark, `pdgw timeline` and `pdgw replay`."""
     from pdgw.gateway.trace.reader import RingReader, is_alive
-    from pdgw.recording.trace_file import chosen_ring, save
+    from pdgw.tools.recording.trace_keeper import chosen_ring, save
 
     with RingReader(chosen_ring(ring)) as reader:
         newest = reader.cycles(at_most=1)
@@ -101,8 +101,7 @@ def watch(
     attached: Annotated[bool, typer.Option("--attached", hidden=True)] = False,
 ) -> None:
     """Save a file around each fault, or around each stop without an OFF of the PLC."""
-    from pdgw.recording.trace_file import chosen_ring
-    from pdgw.recording.trace_keeper import Choice, follow, sleeping
+    from pdgw.tools.recording.trace_keeper import Choice, chosen_ring, follow, sleeping
 
     triggers = frozenset(on or Trigger)
     directory = to if to is not None else kept_directory()

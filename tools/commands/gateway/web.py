@@ -37,9 +37,9 @@ def web(
 ) -> None:
     """Serve the status of a running gateway to browsers, Prometheus and MQTT; read-only."""
     from pdgw.gateway.configuration.file import load_config
-    from pdgw.recording.trace_file import captured
+    from pdgw.tools.recording.trace_keeper import captured
     from pdgw.tools.service.run_log import RunLog
-    from pdgw.web.parameters import PageParameters
+    from pdgw.tools.web.parameters import PageParameters
 
     _lower_priority()
     if attached:
@@ -53,7 +53,7 @@ def web(
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
         try:
-            from pdgw.web.run import serve
+            from pdgw.tools.web.run import serve
 
             serve(chosen, PageParameters(_record_channel(chosen)), captured)
         except ModuleNotFoundError as error:
@@ -81,7 +81,7 @@ def _listening(config: GatewayConfig, listen: str) -> GatewayConfig:
     from pydantic import ValidationError
 
     from pdgw.explain import problems
-    from pdgw.gateway.configuration.tables.web import WebConfig
+    from pdgw.gateway.configuration.web import WebConfig
 
     try:
         web_config = WebConfig.model_validate(config.web.model_dump() | {"listen": listen})

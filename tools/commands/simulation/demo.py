@@ -13,7 +13,7 @@ import typer
 from pdgw.extras import missing
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo.chapters import CHAPTERS
-from pdgw.tools.termination import end_as_by_ctrl_c
+from pdgw.tools.options import end_as_by_ctrl_c
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from pdgw.tools.demo.chapters import Chapter
-    from pdgw.tools.demo.run import Outcome
+    from pdgw.tools.demo.sequence import Outcome
 
 ChapterName = StrEnum("ChapterName", {name: name for name in CHAPTERS})  # type: ignore[misc]  # made of the chapters
 CHAPTERS_HELP = "; ".join(f"{item.name}: {item.about}" for item in CHAPTERS.values())
@@ -37,7 +37,7 @@ class _StepPrinter:
         self.live: Live | None = None
 
     def show(self, document: dict[str, Any]) -> None:
-        from pdgw.peers.plc.exchange.view import line_of
+        from pdgw.peers.plc.exchange.following import line_of
 
         if "note" in document:
             self.lines.append((document["note"], 0, 0))
@@ -109,7 +109,7 @@ def _run_chapter(chapter: Chapter, out: Path, console: Console, scenario: Path |
     from pdgw.peers.plc.engine import Result
     from pdgw.tools.commands.simulation.plc import results_table
     from pdgw.tools.demo.links import OnEthernet, OnLoopback
-    from pdgw.tools.demo.run import Demo
+    from pdgw.tools.demo.sequence import Demo
 
     console.print(f"Chapter {chapter.name}: {chapter.about}", style="bold", highlight=False)
     printer = _StepPrinter(console, chapter.name)

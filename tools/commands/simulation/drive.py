@@ -13,7 +13,7 @@ import typer
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.option_values import BUS_PORT, CONSOLE_COMMANDS, ENGEL, SHAPES
-from pdgw.tools.commands.simulation.options import ControlPort, send_command
+from pdgw.tools.options import ControlPort, send_command
 
 if TYPE_CHECKING:
     from pdgw.peers.bus import ServedBus
@@ -34,7 +34,7 @@ def drive(
 ) -> None:
     """Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
     from pdgw.peers.simulation.config import ControlConfig
-    from pdgw.peers.simulation.running import run_nodes
+    from pdgw.peers.simulation.console import run_nodes
 
     control = ControlConfig(port=control_port)
     run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drive", like=like, axis=axis)
@@ -53,13 +53,12 @@ def bus(
     example_: Annotated[bool, typer.Option("--example", help="Print a commented example of the file.")] = False,
 ) -> None:
     """Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; --serve opens the bus too."""
-    from pdgw.gateway.configuration.tables.environment import CanConfig
+    from pdgw.gateway.configuration.environment import CanConfig
     from pdgw.gateway.platform import open_configured_bus
     from pdgw.peers.bus import INTERFACE, ServedBus
-    from pdgw.peers.simulation.config import ControlConfig, example, load_bus
-    from pdgw.peers.simulation.configured_devices import add_device
+    from pdgw.peers.simulation.config import ControlConfig, add_device, example, load_bus
+    from pdgw.peers.simulation.console import run
     from pdgw.peers.simulation.devices import Simulation
-    from pdgw.peers.simulation.running import run
 
     if example_:
         typer.echo(example(), nl=False)

@@ -8,7 +8,7 @@ import typer
 
 from pdgw.dsp406.kinds import DEVICES, ROTARY
 from pdgw.peers.option_values import MOTIONS
-from pdgw.tools.commands.simulation.options import ControlPort
+from pdgw.tools.options import ControlPort
 
 
 def encoder(
@@ -30,7 +30,7 @@ def encoder(
 ) -> None:
     """Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
     from pdgw.peers.simulation.config import ControlConfig
-    from pdgw.peers.simulation.running import run_nodes
+    from pdgw.peers.simulation.console import run_nodes
 
     control = ControlConfig(port=control_port)
     options = {"model": model, "channels": channels, "motion": motion or ()}

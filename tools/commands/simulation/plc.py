@@ -21,12 +21,9 @@ from pdgw.gateway.errors import GatewayError, writing
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.tools.address import parse_address
-from pdgw.tools.commands.simulation.options import only_with, send_command, telegrams_of_axes
-from pdgw.tools.keys import read_keys
+from pdgw.tools.options import end_as_by_ctrl_c, only_with, parse_address, read_keys, send_command, telegrams_of_axes
 from pdgw.tools.output.files import to_be_written
 from pdgw.tools.output.reports import HtmlFile, JUnitFile
-from pdgw.tools.termination import end_as_by_ctrl_c
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -43,7 +40,7 @@ _SILENCE_NS = 2 * SECOND
 
 def results_table(results: list[Result]) -> Table:
     """A table of all expectations with pass or fail."""
-    from pdgw.tools.output.tables import plain_table
+    from pdgw.tools.output.files import plain_table
 
     grid = plain_table("step", "axis", "expectation", "measured", "after", "")
     for item in results:
@@ -251,7 +248,7 @@ class Output:
 
     def show(self, engine: Engine | None, title: str) -> None:
         """Print new notes and results. Called once a cycle."""
-        from pdgw.peers.plc.exchange.view import snapshot
+        from pdgw.peers.plc.exchange.following import snapshot
 
         if engine is not None:
             for when, note in engine.notes[self._notes :]:
@@ -272,7 +269,7 @@ class Output:
         self._print({"told": text})
 
     def _print(self, document: dict[str, Any]) -> None:
-        from pdgw.peers.plc.exchange.view import line_of
+        from pdgw.peers.plc.exchange.following import line_of
 
         if self.as_lines:
             print(json.dumps(document), flush=True)

@@ -9,14 +9,13 @@ from __future__ import annotations
 import enum
 from typing import Final
 
-from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import HOMING_METHOD
+from pdgw.dsp402.objects import HOMING_METHOD, HOMING_SPEEDS
 from pdgw.dsp402.states import StatusBit
 from pdgw.durations import MS
-from pdgw.gateway.axis.executors.base import Executor
+from pdgw.gateway.axis.executors.executor import Executor
+from pdgw.gateway.axis.executors.positions.limits import Stall
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
-from pdgw.gateway.axis.executors.positions.stall import Stall
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 

@@ -6,8 +6,8 @@ from typing import Final
 
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
-from pdgw.gateway.axis.answer import Answer
-from pdgw.gateway.axis.executors.base import Executor
+from pdgw.gateway.axis.executors.executor import Executor
+from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
 _NOT_CONFIRMED: Final = warning_bits(FaultNumber.MODE_NOT_CONFIRMED)

@@ -13,13 +13,13 @@ from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.durations import SECOND
-from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import STATE_MASK
-from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisRecords, Executor
+from pdgw.gateway.axis.executors.executor import OPERATION_ENABLED, AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
+from pdgw.gateway.axis.executors.positions.limits import Stall
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
-from pdgw.gateway.axis.executors.positions.stall import Stall
 from pdgw.gateway.axis.power_states import Action
+from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome
 from pdgw.gateway.motion.states import State

@@ -9,20 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.decoder.capture.dictionary import dictionary_of
-from pdgw.decoder.frames.canopen.decoder import CanopenDecoder
-from pdgw.decoder.frames.canopen.objects import Mapped, ObjectNames, any_drive, pdo_layout
-from pdgw.decoder.frames.canopen.records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, SdoRecord
-from pdgw.decoder.frames.engine import CanPacket, Decoder, Settings
-from pdgw.decoder.frames.link import CanFrame
-from pdgw.decoder.frames.profinet.cyclic import Axis, given_axes
-from pdgw.decoder.frames.records import Record
 from pdgw.ds301.configuration import map_pdo
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID
 from pdgw.dsp402.pdo.layouts import Operation
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, drive_layout
-from pdgw.peers.drive.device import EDS_PATH, PRODUCT_CODE, VENDOR_ID
+from pdgw.peers.drive.objects import EDS_PATH, PRODUCT_CODE, VENDOR_ID
+from pdgw.tools.decoder.capture.knowledge import dictionary_of
+from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, SdoRecord
+from pdgw.tools.decoder.frames.canopen.decoder import CanopenDecoder
+from pdgw.tools.decoder.frames.canopen.objects import Mapped, ObjectNames, any_drive, pdo_layout
+from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Settings
+from pdgw.tools.decoder.frames.link import CanFrame
+from pdgw.tools.decoder.frames.profinet.cyclic import Axis, given_axes
+from pdgw.tools.decoder.frames.records import Record
 from tests.support.axis.mapping import engel_layout
 
 NODE = 5

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.decoder.frames.canopen.sdo import MAX_TRANSFER, SdoChannel, Step
+from pdgw.tools.decoder.frames.canopen.sdo import MAX_TRANSFER, SdoChannel, Step
 
 Frame = tuple[bool, bytes]
 """From the client, data."""

@@ -10,16 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.decoder.frames.profinet.acyclic import AcyclicDecoder
-from pdgw.decoder.frames.profinet.cyclic import CyclicDecoder
-from pdgw.decoder.frames.profinet.stations import StationNames
-from pdgw.decoder.frames.records import (
-    AcyclicRecord,
-    OtherRecord,
-    ParameterRequestRecord,
-    ParameterResponseRecord,
-    Record,
-)
 from pdgw.durations import MS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import (
@@ -36,6 +26,16 @@ from pdgw.profinet.rpc.client import RecordCall, RecordCaller
 from pdgw.profinet.rpc.dcerpc import MAX_BODY, PacketType, decode_packet, encode_packet, object_uuid
 from pdgw.profinet.rpc.records import RECORD_GLOBAL, AccessError, RecordBlock, RecordRefused
 from pdgw.profinet.rpc.server import RecordServer
+from pdgw.tools.decoder.frames.profinet.acyclic import AcyclicDecoder
+from pdgw.tools.decoder.frames.profinet.connect import StationNames
+from pdgw.tools.decoder.frames.profinet.cyclic import CyclicDecoder
+from pdgw.tools.decoder.frames.records import (
+    AcyclicRecord,
+    OtherRecord,
+    ParameterRequestRecord,
+    ParameterResponseRecord,
+    Record,
+)
 
 PLC, OTHER_PLC, DEVICE = b"\x0a\0\0\x01", b"\x0a\0\0\x03", b"\x0a\0\0\x02"
 AR = UUID(int=1)

@@ -24,12 +24,6 @@ from scapy.contrib.pnio_rpc import (
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from pdgw.decoder.frames.engine import Decoder, Packet, Settings
-from pdgw.decoder.frames.profinet.connect import read_request
-from pdgw.decoder.frames.profinet.cyclic import given_axes
-from pdgw.decoder.frames.records import CyclicRecord, LinkType, Record
-from pdgw.decoder.timeline.builder import TimelineBuilder
-from pdgw.decoder.timeline.entries import Anomaly
 from pdgw.durations import MS
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.errors import ProfidriveError
@@ -38,6 +32,12 @@ from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.profinet.model import API_PROFIDRIVE, DAP_SLOT, ObjectKind, access_module, object_module
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
 from pdgw.profinet.rpc.records import Operation, encode_arguments
+from pdgw.tools.decoder.frames.engine import Decoder, Packet, Settings
+from pdgw.tools.decoder.frames.profinet.connect import read_request
+from pdgw.tools.decoder.frames.profinet.cyclic import given_axes
+from pdgw.tools.decoder.frames.records import CyclicRecord, LinkType, Record
+from pdgw.tools.decoder.timeline.builder import TimelineBuilder
+from pdgw.tools.decoder.timeline.entries import Anomaly
 from tests.profinet.connection.test_connect import CASES
 from tests.support.readers import captures, tshark
 from tests.support.wire.connect import Caller, Change, blocks

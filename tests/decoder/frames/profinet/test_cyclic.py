@@ -6,8 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.decoder.frames.profinet.cyclic import Axis, CyclicDecoder, given_axes, infer
-from pdgw.decoder.frames.records import CyclicRecord, OtherRecord
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     FRAME_ID_TO_CONTROLLER,
@@ -20,6 +18,8 @@ from pdgw.profidrive.frame import (
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, telegram
+from pdgw.tools.decoder.frames.profinet.cyclic import Axis, CyclicDecoder, given_axes, infer
+from pdgw.tools.decoder.frames.records import CyclicRecord, OtherRecord
 from tests.support.axis.strategies import axes_values
 
 Values = list[tuple[int, ...]]

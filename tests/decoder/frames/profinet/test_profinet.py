@@ -14,12 +14,6 @@ from scapy.contrib.pnio import ProfinetIO
 from scapy.contrib.pnio_dcp import ProfinetDCP
 from scapy.layers.l2 import Ether
 
-from pdgw.decoder.frames.engine import Decoder, Packet, Settings, given_axes
-from pdgw.decoder.frames.fields import Document
-from pdgw.decoder.frames.profinet.blocks import BLOCKS, documents
-from pdgw.decoder.frames.profinet.connect import read_request
-from pdgw.decoder.frames.profinet.records import AlarmRecord, Change, DcpRecord, LldpRecord, RelationRecord
-from pdgw.decoder.frames.records import AcyclicRecord, CyclicRecord, LinkType, OtherRecord, Record
 from pdgw.durations import MS
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.blocks.alarm import MessageClass
@@ -28,6 +22,18 @@ from pdgw.profinet.model import INTERFACE_SUBSLOT, PORT_SUBSLOT
 from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc.records import BlockType, RecordBlock
 from pdgw.profinet.wire import VERSION_SIZE
+from pdgw.tools.decoder.frames.engine import Decoder, Packet, Settings, given_axes
+from pdgw.tools.decoder.frames.fields import Document
+from pdgw.tools.decoder.frames.profinet.blocks import BLOCKS, documents
+from pdgw.tools.decoder.frames.profinet.connect import (
+    AlarmRecord,
+    Change,
+    DcpRecord,
+    LldpRecord,
+    RelationRecord,
+    read_request,
+)
+from pdgw.tools.decoder.frames.records import AcyclicRecord, CyclicRecord, LinkType, OtherRecord, Record
 from tests.profinet.test_readers import session
 from tests.support.readers import tshark, tshark_frames
 from tests.support.wire.profinet import DEVICE_MAC, INTERFACE_ADJUST, PLC_MAC, PORT_CHECK, Wire, join_multiple

@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.ds301.emcy import GENERIC_ERROR
 from pdgw.dsp402.drive.images import DriveFeedback
-from pdgw.dsp402.faults import ChannelErrorType, DriveFault
+from pdgw.dsp402.drive_type import ChannelErrorType, DriveFault
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement, DriveWatch
 from pdgw.gateway.axis.supervision.stop_supervision import Brake

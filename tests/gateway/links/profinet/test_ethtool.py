@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.links.profinet.ethtool import medium_of, read_medium
+from pdgw.gateway.links.profinet.ethernet import medium_of, read_medium
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Medium, Station
 from tests.support.readers import tshark, tshark_frames

@@ -21,7 +21,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES, message_class
 from pdgw.gateway.links.profinet.ethernet import dcp_filter, real_time_filter
-from pdgw.gateway.links.profinet.link import ProfinetLink
+from pdgw.gateway.links.profinet.io_device import ProfinetLink
 from pdgw.gateway.objects.fault_buffer import FaultLog, FaultRecord
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.store import ParameterStore

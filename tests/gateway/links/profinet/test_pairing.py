@@ -15,7 +15,7 @@ from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.links.profinet.pairing import Pairing
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet.blocks.connect import TICK_NS
+from pdgw.profinet.blocks.connect_blocks import TICK_NS
 from pdgw.profinet.connection.connect import IocrType
 from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.discovery import lldp

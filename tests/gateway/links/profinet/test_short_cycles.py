@@ -12,7 +12,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.plc import project_of
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet.blocks.connect import TICK_NS
+from pdgw.profinet.blocks.connect_blocks import TICK_NS
 from pdgw.profinet.connection.cpm import Verdict
 from tests.support.gateways.daemon import axis, drive_of
 from tests.support.gateways.profinet_daemon import OFF, configuration, plant

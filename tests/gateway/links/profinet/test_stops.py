@@ -19,7 +19,7 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.alarms import apmx
 from pdgw.profinet.alarms.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
-from pdgw.profinet.blocks.connect import IocrBlockReq, IocrType
+from pdgw.profinet.blocks.connect_blocks import IocrBlockReq, IocrType
 from pdgw.profinet.blocks.control import ControlCommand, PrmEndReq
 from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.connection.cpm import STATUS_IGNORE

@@ -1,1 +1,0 @@
-"""Replay: a recording through the axis machine of this version."""

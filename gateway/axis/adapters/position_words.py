@@ -1,0 +1,451 @@
+"""Telegrams 7, 110 and 111: STW1 and the positioner's words, ZSW1 and what a positioner shows.
+
+Source: docs/motion.md, docs/telegrams.md "Sources". Telegram 7 has blocks alone, 110 spreads over SATZANW, POS_STW and MDI_MOD
+what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.14 and .15 (accelerates, decelerates): 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+from operator import itemgetter
+from typing import ClassVar
+
+from pdgw.gateway.axis.adapters.adapter import Adapter, ControlWordAdapter
+from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.requests import Asked, MotionKind, Outcome, PositionerChoices
+from pdgw.gateway.motion.states import State
+from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType
+from pdgw.profidrive.signals import POSITIONER_FORMS, float_of, float_pattern, signal
+from pdgw.profidrive.telegrams import Telegram
+
+_STW1 = signal("STW1")
+_DO_NOT_REJECT = _STW1.bit("DO_NOT_REJECT", positioning=True).mask
+_NO_INTERMEDIATE_STOP = _STW1.bit("NO_INTERMEDIATE_STOP", positioning=True).mask
+_ACTIVATE_TASK = _STW1.bit("ACTIVATE_TASK", positioning=True).mask
+_JOG_1 = _STW1.bit("JOG_1_ON").mask
+_JOG_2 = _STW1.bit("JOG_2_ON").mask
+_START_HOMING = _STW1.bit("START_HOMING", positioning=True).mask
+_EXTERNAL = _STW1.bit("EXTERNAL_BLOCK_CHANGE", positioning=True).mask
+_ZSW1 = signal("ZSW1")
+_OWN = ~(_ZSW1.bit("DEVICE_14").mask | _ZSW1.bit("DEVICE_15").mask)
+"""Bits of the Statusword that are neither acceleration nor deceleration."""
+
+_TO_FIXED_STOP = signal("STW2").bit("TO_FIXED_STOP").mask
+_SHOWN_FIXED_STOP = signal("ZSW2").bit("TO_FIXED_STOP").mask
+
+_SELECTION = POSITIONER_FORMS["SATZANW"]
+_BLOCK, _BLOCK_MDI = _SELECTION.bit("BLOCK"), _SELECTION.bit("MDI").mask
+_ACTIVE = POSITIONER_FORMS["AKTSATZ"]
+_ACTIVE_BLOCK, _ACTIVE_MDI = _ACTIVE.bit("BLOCK").mask, _ACTIVE.bit("MDI_ACTIVE").mask
+_MOD_ABSOLUTE = signal("MDI_MOD").bit("ABSOLUTE").mask
+_MOD_POSITIVE = signal("MDI_MOD").bit("POSITIVE_DIRECTION").mask
+_MOD_NEGATIVE = signal("MDI_MOD").bit("NEGATIVE_DIRECTION").mask
+
+_POS_STW1 = signal("POS_STW1")
+_1_BLOCK = _POS_STW1.bit("BLOCK")
+_1_ABSOLUTE = _POS_STW1.bit("ABSOLUTE").mask
+_1_POSITIVE = _POS_STW1.bit("POSITIVE_DIRECTION").mask
+_1_NEGATIVE = _POS_STW1.bit("NEGATIVE_DIRECTION").mask
+_1_UPDATE = _POS_STW1.bit("CONTINUOUS_UPDATE").mask
+_1_SETTING_UP = _POS_STW1.bit("SETTING_UP").mask
+_1_MDI = _POS_STW1.bit("MDI").mask
+
+_POS_STW2 = signal("POS_STW2")
+_2_TRACKING = _POS_STW2.bit("TRACKING").mask
+_2_SET_REFERENCE = _POS_STW2.bit("SET_REFERENCE_POINT").mask
+_2_INCREMENTAL = _POS_STW2.bit("JOG_INCREMENTAL").mask
+_2_PASSIVE = _POS_STW2.bit("PASSIVE_HOMING").mask
+_2_PROBE_2 = _POS_STW2.bit("PROBE_2").mask
+_2_FALLING = _POS_STW2.bit("PROBE_FALLING_EDGE").mask
+_2_SOFTWARE = _POS_STW2.bit("SOFTWARE_LIMITS").mask
+_2_HARDWARE = _POS_STW2.bit("HARDWARE_LIMITS").mask
+
+_POS_ZSW1 = signal("POS_ZSW1")
+_NEGATIVE_LIMIT = _POS_ZSW1.bit("NEGATIVE_HARDWARE_LIMIT").mask
+_POSITIVE_LIMIT = _POS_ZSW1.bit("POSITIVE_HARDWARE_LIMIT").mask
+_JOGGING = _POS_ZSW1.bit("JOGGING").mask
+_HOMING = _POS_ZSW1.bit("HOMING").mask
+_PASSIVE_HOMING = _POS_ZSW1.bit("PASSIVE_HOMING").mask
+_FUNCTION = dict.fromkeys(State, 0) | {
+    State.BLOCK: _POS_ZSW1.bit("BLOCK_MODE").mask,
+    State.SETTING_UP: _POS_ZSW1.bit("SETTING_UP").mask,
+    State.MDI: _POS_ZSW1.bit("MDI_ACTIVE").mask,
+}
+"""POS_ZSW1 bits of the displayed state,"""
+_RUNNING = dict.fromkeys(State, 0) | dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _JOGGING)
+"""and of the one that is."""
+_MDI_STATES = (State.MDI, State.SETTING_UP)
+_SELECTABLE = (State.IDLE, State.BRAKING)
+"""Nothing else runs: the selected mode is shown."""
+_FAULT = _ZSW1.bit("FAULT").mask
+_STAND, _IN_TRACKING = MotionKind.STAND, State.TRACKING
+
+_POS_ZSW2 = signal("POS_ZSW2")
+_TRACKING = _POS_ZSW2.bit("TRACKING").mask
+_SPEED_LIMITED = _POS_ZSW2.bit("SPEED_LIMITED").mask
+_STATIONARY = _POS_ZSW2.bit("SETPOINT_STATIONARY").mask
+_SETPOINT_REACHED = _POS_ZSW2.bit("SETPOINT_REACHED").mask
+_FORWARD = _POS_ZSW2.bit("MOVES_FORWARD").mask
+_BACKWARD = _POS_ZSW2.bit("MOVES_BACKWARD").mask
+_LIMIT_MINUS = _POS_ZSW2.bit("SOFTWARE_LIMIT_MINUS").mask
+_LIMIT_PLUS = _POS_ZSW2.bit("SOFTWARE_LIMIT_PLUS").mask
+_OUTPUT_1 = _POS_ZSW2.bit("OUTPUT_1").position
+_FIXED_STOP = _POS_ZSW2.bit("FIXED_STOP_REACHED").mask | _POS_ZSW2.bit("CLAMPING_TORQUE_REACHED").mask
+_MOVING_TO_STOP = _POS_ZSW2.bit("TO_FIXED_STOP").mask
+_TRAVERSING = _POS_ZSW2.bit("TRAVERSING").mask
+_POS_ZSW = sum(bit.mask for bit in signal("POS_ZSW").bits)
+"""POS_ZSW is the low byte of POS_ZSW2 (a test)."""
+_LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
+
+
+class PositionerAdapter(ControlWordAdapter):
+    """Common part of telegrams 7, 110 and 111: STW1 and ZSW1. Control words are evaluated only when they change.
+
+    The adapter of each telegram names its control words and evaluates them. Without control by a PLC, no motion is requested.
+    """
+
+    IGNORED: ClassVar[int] = _STW1.word("OPEN_BRAKE", "DEVICE_14", "DEVICE_15", positioning=True)
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
+        super().__init__(telegram, settings)
+        self.asked = Asked()
+        self._last: Sequence[int] | None = None
+        self._controls: Callable[[Sequence[int]], tuple[int, ...]] = itemgetter(
+            *(self.setpoint(name) for name in ("STW1", *controls))
+        )
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        word = None if setpoints is None else setpoints[self.stw1]
+        if word != self.word:
+            self.take(word, demand)
+        demand.motion = self.asked
+        if setpoints is None or not demand.in_control:
+            if self._last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
+                self._last = None
+                self.forget()
+            return
+        if setpoints == self._last:
+            return
+        self._last = setpoints
+        controls = self._controls(setpoints)
+        if controls != self.asked.controls:
+            self.asked.controls = controls
+            self._read_stw1(controls[0])
+            self.read_controls(controls)
+        self.read_values(setpoints)
+
+    def forget(self) -> None:
+        """Clear all commands."""
+        self.asked.forget()
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        """Other control words: STW1 and those that were named."""
+        raise NotImplementedError
+
+    def read_values(self, setpoints: Sequence[int]) -> None:
+        """Values that are not bits of a control word."""
+
+    def _read_stw1(self, word: int) -> None:
+        asked = self.asked
+        asked.do_not_reject = word & _DO_NOT_REJECT != 0
+        asked.no_intermediate_stop = word & _NO_INTERMEDIATE_STOP != 0
+        asked.activate = word & _ACTIVATE_TASK != 0
+        asked.jog_1 = word & _JOG_1 != 0
+        asked.jog_2 = word & _JOG_2 != 0
+        asked.homing = word & _START_HOMING != 0
+        asked.external_block_change = word & _EXTERNAL != 0
+
+
+class BlockAdapter(PositionerAdapter):
+    """Telegram 7: traversing blocks alone."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
+        super().__init__(telegram, settings, "SATZANW", *controls)
+        self._aktsatz = self.actual("AKTSATZ")
+        self._has_mdi = "MDI_TARPOS" in telegram.setpoints.names
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        asked, selection = self.asked, controls[1]
+        asked.block = _BLOCK.of(selection)
+        # Telegram 7 has no MDI: its bit selects a task that cannot be executed (speed 0).
+        asked.mdi = selection & _BLOCK_MDI != 0
+        # Limits have no bit in telegrams 7 and 110: they are supervised as soon as they are known.
+        asked.software_limits = asked.hardware_limits = True
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = self.status(report.flags) & _OWN
+        outcome = report.motion
+        if outcome is not None:
+            active = _ACTIVE_MDI if _mode(outcome, self.asked) in _MDI_STATES and self._has_mdi else 0
+            actuals[self._aktsatz] = outcome.block & _ACTIVE_BLOCK | active
+
+
+class _FloatValues:
+    """The same of telegram 112, in the user's unit of length; a value that is not a number is a task with speed 0, which is
+    rejected."""
+
+    def __init__(self, adapter: Adapter, choices: PositionerChoices) -> None:
+        self._stw2 = adapter.setpoint("STW2")
+        self._override = adapter.setpoint("OVERRIDE")
+        self._first = adapter.setpoint("MDI_TARPOS_F", "MDI_VELOCITY_F", "MDI_ACC_F", "MDI_DEC_F")
+        self._reference = adapter.setpoint("REF_COORDINATE")
+        self._zsw2 = adapter.actual("ZSW2")
+        self._message = adapter.actual("MELDW")
+        self._position = adapter.actual("XIST_F")
+        self._speed = adapter.actual("VIST_F")
+        self._lu = choices.lu_per_unit
+        self._minutes = 60 if choices.units_per_second else 1
+        """Factor to velocities per minute."""
+
+    def read(self, setpoints: Sequence[int], asked: Asked) -> None:
+        asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
+        asked.override = max(0, setpoints[self._override])
+        first = self._first
+        target, velocity, acceleration, deceleration = (float_of(pattern) for pattern in setpoints[first : first + 4])
+        asked.target = _whole(target, self._lu)
+        asked.velocity = max(0, _whole(velocity, self._lu * self._minutes, LU_PER_VELOCITY_UNIT))
+        asked.acceleration, asked.deceleration = _share(acceleration), _share(deceleration)
+        if not all(map(isfinite, (target, velocity, acceleration, deceleration))):
+            asked.velocity = 0
+        reference = float_of(setpoints[self._reference])
+        asked.reference_coordinate = _whole(reference, self._lu) if isfinite(reference) else None
+
+    def write(self, report: Report, outcome: Outcome, actuals: list[int]) -> None:
+        actuals[self._position] = float_pattern(outcome.position / self._lu)
+        actuals[self._speed] = float_pattern(report.length_speed / (self._lu * self._minutes))
+        actuals[self._message] = report.message
+        if outcome.to_fixed_stop:
+            actuals[self._zsw2] |= _SHOWN_FIXED_STOP
+
+
+def _whole(value: float, factor: int, divisor: int = 1) -> int:
+    """A number times ``factor`` / ``divisor``, rounded to nearest; 0 for an invalid number."""
+    if not isfinite(value):
+        return 0
+    numerator, denominator = value.as_integer_ratio()
+    return round_half_away(numerator * factor, denominator * divisor)
+
+
+def _share(percent: float) -> int:
+    """Percent as N2, 0 to 200 %."""
+    low, high = 0, DataType.N2.integer_range[1]
+    return max(low, min(_whole(percent, N2_100_PERCENT, 100), high))
+
+
+class _ValuesOfMdi:
+    """Places of STW2, OVERRIDE and the setpoints of MDI, and the words that show them."""
+
+    def __init__(self, adapter: Adapter) -> None:
+        self._stw2 = adapter.setpoint("STW2")
+        self._override = adapter.setpoint("OVERRIDE")
+        self._first = adapter.setpoint("MDI_TARPOS", "MDI_VELOCITY", "MDI_ACC", "MDI_DEC")
+        self._zsw2 = adapter.actual("ZSW2")
+        self._message = adapter.actual("MELDW")
+        self._position = adapter.actual("XIST_A")
+
+    def read(self, setpoints: Sequence[int], asked: Asked) -> None:
+        asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
+        override = setpoints[self._override]
+        asked.override = override if override > 0 else 0
+        first = self._first
+        asked.target, asked.velocity = setpoints[first], setpoints[first + 1]
+        asked.acceleration, asked.deceleration = setpoints[first + 2], setpoints[first + 3]
+
+    def write(self, report: Report, outcome: Outcome, actuals: list[int]) -> None:
+        position = outcome.position
+        actuals[self._position] = position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
+        actuals[self._message] = report.message
+        if outcome.to_fixed_stop:
+            actuals[self._zsw2] |= _SHOWN_FIXED_STOP
+
+
+def _read_alike(asked: Asked, second: int, how: int, absolute: int, positive: int, negative: int) -> None:
+    """POS_STW or POS_STW2, and how a position is meant, in a word with these masks."""
+    asked.tracking = second & _2_TRACKING != 0
+    asked.set_reference_point = second & _2_SET_REFERENCE != 0
+    asked.jog_incremental = second & _2_INCREMENTAL != 0
+    asked.absolute = how & absolute != 0
+    asked.positive = how & positive != 0
+    asked.negative = how & negative != 0
+
+
+class SelectionAdapter(BlockAdapter):
+    """Telegram 110: SATZANW, POS_STW and MDI_MOD."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings, "POS_STW", "MDI_MOD")
+        self._mdi = _ValuesOfMdi(self)
+        self._pos_zsw = self.actual("POS_ZSW")
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        super().read_controls(controls)
+        asked = self.asked
+        word, mode = controls[2], controls[3]
+        _read_alike(asked, word, mode, _MOD_ABSOLUTE, _MOD_POSITIVE, _MOD_NEGATIVE)
+
+    def read_values(self, setpoints: Sequence[int]) -> None:
+        self._mdi.read(setpoints, self.asked)
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        super().write(report, actuals)
+        outcome = report.motion
+        if outcome is not None:
+            self._mdi.write(report, outcome, actuals)
+            actuals[self._pos_zsw] = _second(outcome, report.speed) & _POS_ZSW
+
+
+class WideAdapter(PositionerAdapter):
+    """Telegram 111: POS_STW1 and POS_STW2, speed and numbers of faults and warnings."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings, "POS_STW1", "POS_STW2")
+        self._mdi = self._values(settings)
+        self._pos_zsw1 = self.actual("POS_ZSW1", "POS_ZSW2")
+        self._speed = self.actual("NIST_B")
+        self._codes = self.actual("FAULT_CODE", "WARN_CODE")
+
+    def _values(self, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
+        return _ValuesOfMdi(self)
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        asked = self.asked
+        word, second = controls[1], controls[2]
+        asked.block = _1_BLOCK.of(word)
+        _read_alike(asked, second, word, _1_ABSOLUTE, _1_POSITIVE, _1_NEGATIVE)
+        asked.continuous_update = word & _1_UPDATE != 0
+        asked.setting_up = word & _1_SETTING_UP != 0
+        asked.mdi = word & _1_MDI != 0
+        asked.passive_homing = second & _2_PASSIVE != 0
+        asked.probe_2 = second & _2_PROBE_2 != 0
+        asked.probe_falling = second & _2_FALLING != 0
+        asked.software_limits = second & _2_SOFTWARE != 0
+        asked.hardware_limits = second & _2_HARDWARE != 0
+
+    def read_values(self, setpoints: Sequence[int]) -> None:
+        self._mdi.read(setpoints, self.asked)
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = self.status(report.flags) & _OWN
+        outcome = report.motion
+        if outcome is None:
+            return
+        self._mdi.write(report, outcome, actuals)
+        speed = report.speed
+        if self._speed >= 0:
+            actuals[self._speed] = speed
+        first = self._pos_zsw1
+        actuals[first], actuals[first + 1] = _first(outcome, self.asked), _second(outcome, speed)
+        first = self._codes
+        actuals[first] = report.fault_code if report.flags & _FAULT else 0
+        actuals[first + 1] = report.warning_code
+
+
+class FloatAdapter(WideAdapter):
+    """Telegram 112: as 111, with numbers in a unit of length. GatewayError without the unit."""
+
+    def _values(self, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
+        choices = settings.positioner
+        if choices is None or not choices.lu_per_unit:
+            raise GatewayError("lu_per_unit is missing: telegram 112 needs lu_per_unit and velocity_per")
+        return _FloatValues(self, choices)
+
+
+def _mode(outcome: Outcome, asked: Asked) -> State:
+    """The active or last function; else the one that an edge of STW1.6 would start."""
+    if outcome.shown is not State.IDLE or outcome.state not in _SELECTABLE:
+        return outcome.shown
+    return State.BLOCK if not asked.mdi else State.SETTING_UP if asked.setting_up else State.MDI
+
+
+def _first(outcome: Outcome, asked: Asked) -> int:
+    """The value of POS_ZSW1."""
+    word = outcome.block | _FUNCTION[_mode(outcome, asked)] | _RUNNING[outcome.state]
+    if outcome.homing:
+        word |= _HOMING
+    if outcome.probe:
+        word |= _PASSIVE_HOMING
+    if outcome.negative_limit:
+        word |= _NEGATIVE_LIMIT
+    return word | _POSITIVE_LIMIT if outcome.positive_limit else word
+
+
+def _second(outcome: Outcome, speed: int) -> int:
+    """POS_ZSW2."""
+    word = outcome.outputs << _OUTPUT_1
+    if outcome.reached:
+        word |= _STATIONARY | _SETPOINT_REACHED
+    elif outcome.motion.kind is _STAND:
+        word |= _STATIONARY
+    else:
+        word |= _TRAVERSING
+    if not outcome.standing:
+        word |= _FORWARD if speed > 0 else _BACKWARD
+    if outcome.state is _IN_TRACKING:
+        word |= _TRACKING
+    if outcome.speed_limited:
+        word |= _SPEED_LIMITED
+    if outcome.at_minus:
+        word |= _LIMIT_MINUS
+    if outcome.at_plus:
+        word |= _LIMIT_PLUS
+    if outcome.to_fixed_stop:
+        word |= _MOVING_TO_STOP
+    return word | _FIXED_STOP if outcome.fixed_stop else word
+
+
+# Telegram 9: positioning with MDI and homing.
+#
+# Source: docs/telegrams.md, docs/translation.md "Positioning, telegram 9 (MDI)". Left out: traversing blocks (telegram 7) and
+# jogging, which the drives do not have; STW2 is not evaluated.
+
+
+_MDI = signal("SATZANW").bit("MDI").mask
+_METHOD = signal("SATZANW").bit("HOMING_METHOD")
+_ACTUAL_METHOD = signal("AKTSATZ").bit("HOMING_METHOD").mask
+_MDI_ACTIVE = signal("AKTSATZ").bit("MDI_ACTIVE").mask
+_ABSOLUTE = signal("MDI_MOD").bit("ABSOLUTE").mask
+_POSITIVE = signal("MDI_MOD").bit("POSITIVE_DIRECTION").mask
+_NEGATIVE = signal("MDI_MOD").bit("NEGATIVE_DIRECTION").mask
+
+
+class PositioningAdapter(PositionerAdapter):
+    """Positions, speeds and ramps are fractions of the references."""
+
+    IGNORED: ClassVar[int] = PositionerAdapter.IGNORED | signal("STW1").word(
+        "JOG_1_ON", "JOG_2_ON", "EXTERNAL_BLOCK_CHANGE", positioning=True
+    )
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings, "SATZANW", "MDI_MOD")
+        self._first = self.setpoint("MDI_TARPOS", "MDI_VELOCITY", "MDI_ACC", "MDI_DEC")
+        self._aktsatz = self.actual("AKTSATZ")
+        self._position = self.actual("XIST_A")
+
+    def forget(self) -> None:
+        asked = self.asked
+        mdi = asked.mdi
+        asked.forget()
+        asked.mdi = mdi  # AKTSATZ shows it without control, too
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        asked = self.asked
+        selection, mode = controls[1], controls[2]
+        asked.mdi = selection & _MDI != 0
+        asked.homing_method = _METHOD.of(selection)
+        asked.absolute = mode & _ABSOLUTE != 0
+        asked.positive = mode & _POSITIVE != 0
+        asked.negative = mode & _NEGATIVE != 0
+
+    def read_values(self, setpoints: Sequence[int]) -> None:
+        asked, first = self.asked, self._first
+        asked.target, asked.velocity = setpoints[first], setpoints[first + 1]
+        asked.acceleration, asked.deceleration = setpoints[first + 2] * N4_PER_N2, setpoints[first + 3] * N4_PER_N2
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = self.status(report.flags)
+        actuals[self._aktsatz] = report.homing_method & _ACTUAL_METHOD | (_MDI_ACTIVE if report.tasks_active else 0)
+        actuals[self._position] = report.position

@@ -1,0 +1,133 @@
+"""Telegrams 1-4, 20, 102 and 103: STW1, ZSW1 and a speed; sensor words, MOMRED and MELDW where they have them.
+
+Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Final
+
+from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
+from pdgw.gateway.axis.demand_report import Demand, Report, SpeedWish
+from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
+from pdgw.profidrive.datatypes import N4_PER_N2, DataType
+from pdgw.profidrive.signals import SignalQuantity, signal
+from pdgw.profidrive.telegrams import Telegram, TelegramHalf
+
+_STW1: Final = signal("STW1")
+DEVICE_BITS: Final = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
+_RUN: Final = _STW1.bit("ENABLE_RAMP_GENERATOR").mask | _STW1.bit("ENABLE_SETPOINT").mask
+_FOLLOW: Final = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
+_FOLLOW_SPEED: Final = SpeedWish.FOLLOW
+_JOG_1, _JOG_2 = _STW1.bit("JOG_1_ON").mask, _STW1.bit("JOG_2_ON").mask
+_JOGS: Final = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
+"""With STW1.4 to .6 = 0; both bits are speed 0."""
+
+
+class SpeedAdapter(ControlWordAdapter):
+    """Words by name; an N2 is promoted to the demand's N4 and a report's N4 truncated toward zero, as N2 itself is."""
+
+    IGNORED: ClassVar[int] = _STW1.bit("DEVICE_11").mask
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
+        setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints)
+        actual, self._actual_factor = _speed_signal(telegram.actuals)
+        self._setpoint, self._actual = self.setpoint(setpoint), self.actual(actual)
+        self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
+        self._jogs = self._profidrive and settings.jog_speeds_rpm is not None
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        word = None if setpoints is None else setpoints[self.stw1]
+        if word != self.word:
+            self._evaluate(word, demand)
+        if setpoints is not None and demand.in_control:
+            if demand.speed_wish is _FOLLOW_SPEED:
+                demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+            if self.g1_stw >= 0:
+                demand.sensor = setpoints[self.g1_stw]
+
+    def _evaluate(self, word: int | None, demand: Demand) -> None:
+        if not self.take(word, demand) or word is None:
+            return
+        demand.device_bits = word & DEVICE_BITS
+        if word & _FOLLOW == _FOLLOW:
+            demand.speed_wish = _FOLLOW_SPEED
+        elif self._jogs and not word & _FOLLOW:
+            demand.speed_wish = _JOGS.get(word & (_JOG_1 | _JOG_2), SpeedWish.ZERO)
+        elif self._profidrive and word & _RUN != _RUN:
+            demand.speed_wish = SpeedWish.ZERO
+        else:
+            demand.speed_wish = SpeedWish.FREEZE if self._profidrive else SpeedWish.HOLD
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = self.status(report.flags)
+        speed, factor = report.speed, self._actual_factor
+        actuals[self._actual] = speed // factor if speed >= 0 else -(-speed // factor)
+        first = self.g1_zsw
+        if first >= 0:
+            actuals[first], actuals[first + 1], actuals[first + 2] = report.sensor
+
+
+class LoadAdapter(SpeedAdapter):
+    """Telegram 20: current, torque, power and the NAMUR word after the speed."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
+        self._current = self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR")
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        super().write(report, actuals)
+        first = self._current
+        actuals[first], actuals[first + 1], actuals[first + 2] = report.load
+        actuals[first + 3] = report.namur
+
+
+class WideSpeedAdapter(SpeedAdapter):
+    """The longer telegrams 4, 102 and 103: torque reduction, message word and a second sensor, where they have them."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
+        self._torque = self.setpoint("MOMRED")
+        self._message = self.actual("MELDW")
+        self._g2_stw = self.setpoint("G2_STW")
+        self._g2_zsw = self.actual("G2_ZSW", "G2_XIST1", "G2_XIST2")
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        super().read(setpoints, demand)
+        if setpoints is not None and demand.in_control:
+            if self._torque >= 0:
+                demand.torque_reduction = setpoints[self._torque]
+            if self._g2_stw >= 0:
+                demand.second_sensor = setpoints[self._g2_stw]
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        super().write(report, actuals)
+        if self._message >= 0:
+            actuals[self._message] = report.message
+        first = self._g2_zsw
+        if first >= 0:
+            actuals[first], actuals[first + 1], actuals[first + 2] = report.second_sensor
+
+
+class DscAdapter(WideSpeedAdapter):
+    """Telegrams 5, 6, 105 and 106: the speed is in force whatever STW1.4 to .6 are, unless .5 alone is 0 (freeze)."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
+        self._xerr = self.setpoint("XERR")
+        self._kpc = self.setpoint("KPC")
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        super().read(setpoints, demand)
+        if setpoints is not None and demand.in_control:
+            demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+            demand.xerr = setpoints[self._xerr]
+            demand.kpc = setpoints[self._kpc]
+
+
+def _speed_signal(half: TelegramHalf) -> tuple[str, int]:
+    """The name of the speed, and the value of its steps in N4."""
+    item = next(item for item in half.signals if item.quantity is SignalQuantity.SPEED)
+    return item.name, N4_PER_N2 if item.type is DataType.N2 else 1

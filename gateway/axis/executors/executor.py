@@ -1,0 +1,136 @@
+"""Interface of executors to the machine, and their common functions.
+
+An executor reads and writes the ``AxisRecords`` of its axis. The machine calls ``step`` while the drive is known well enough,
+else ``refuse``.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import NamedTuple
+
+from pdgw.dsp402.drive.images import DEMAND_UNKNOWN, DriveCommand, DriveFeedback
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
+from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.gateway.axis.demand_report import Demand, Report
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Inputs, Outputs, ProbeAnswer
+from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.normalisation import Normalisation
+
+OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF_STATUS)
+"""By the Statusword under ``STATE_MASK``."""
+
+
+class AxisRecords(NamedTuple):
+    """The records that an executor reads and writes in each step. The objects never change."""
+
+    settings: AxisSettings
+    interlock: Interlock
+    """Command in: ``action`` and ``controlword``, and the ``reason`` why they are not what the PLC asks."""
+    demand: Demand
+    """Command in: what the PLC asks."""
+    inputs: Inputs
+    """Feedback in: values of the drive, the standstill and the time."""
+    report: Report
+    """Decision out: what the PLC gets. What the drive gets is ``outputs.command``."""
+    outputs: Outputs
+    """Notes out: faults and warnings, SDO writes, the probe, the count of limited values."""
+
+
+class Executor:
+    """One kind of operation of one drive."""
+
+    def __init__(self, records: AxisRecords) -> None:
+        self.settings, self.interlock, self.demand, self.inputs, self.report, self.outputs = records
+        self.feedback: DriveFeedback = records.inputs.feedback
+        self.command: DriveCommand = records.outputs.command
+
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        """Set the drive: at the start, after a write to a reference object, after a restart of the drive.
+
+        Dsp402Error if it lacks something that the telegram needs.
+        """
+        raise NotImplementedError
+
+    def restarted(self) -> None:
+        """The drive booted or was configured again; cycles out of operation follow (``power_table``)."""
+
+    @property
+    def limit_side(self) -> int:
+        """1 or -1: the direction in which a limit of the drive has stopped the axis; 0: none, or unknown."""
+        return 0
+
+    def lost(self) -> None:
+        """The drive is not there; called after the step of such a cycle."""
+
+    def refuse(self) -> None:
+        """Without valid references nothing is converted; the drive gets the Controlword and nothing else."""
+        raise NotImplementedError
+
+    def sdo_done(self, error: str | None) -> None:
+        """``Outputs.writes`` are done (None) or failed (the reason)."""
+
+    def probed(self, answer: ProbeAnswer) -> None:
+        """Result of ``Outputs.probe``."""
+
+    def step(self) -> Reason | None:
+        """One cycle: the command with bits 0-3 and 7 of the Controlword as given, and the report.
+
+        Sets ``report.flags`` to the flags that only the executor knows. Returns the reason why it does not follow the request:
+        that of the interlock, or its own.
+        """
+        raise NotImplementedError
+
+    def limited(self, conversion: Normalisation, wire: int) -> int:
+        """A fraction in the drive's units; one that a limit cuts is counted."""
+        value = conversion.to_value(wire)
+        if not conversion.value_min < value < conversion.value_max and conversion.saturates(wire):
+            self.outputs.saturations += 1
+        return value
+
+
+def known(value: Fraction | None, what: str, key: str) -> Fraction:
+    """A scaling of the drive; Dsp402Error if it is unknown."""
+    if value is None:
+        raise Dsp402Error(what, "not known", f"a drive that reports it, or the key {key}")
+    return value
+
+
+def highest(drive: DriveType, quantity: Quantity, *attributes: str) -> int:
+    """100 % of a quantity, limited to the range of these objects; Dsp402Error if it is unknown or below 1."""
+    limits = [drive.limits(attribute)[1] for attribute in attributes if drive.has(attribute)]
+    found = min([int(drive.scaling.reference(quantity)), *limits])
+    if found < 1:
+        raise Dsp402Error(f"100 % of the {quantity.value}", found, "at least one unit of the drive's object")
+    return found
+
+
+def demanded_speed(feedback: DriveFeedback) -> int:
+    """The speed where the ramp of the drive is: its demand value (606Bh), else its actual value (606Ch)."""
+    demand = feedback.velocity_demand
+    return feedback.velocity_actual if demand == DEMAND_UNKNOWN else demand
+
+
+class LimitWatch:
+    """Detects that a limit switch stops an axis: at a limit of the drive, at standstill with a setpoint for
+    ``LIMIT_STANDING_NS``."""
+
+    def __init__(self) -> None:
+        self._since = -1
+
+    def reset(self) -> None:
+        """The axis is not at standstill there."""
+        self._since = -1
+
+    def step(self, wants_to_move: bool, executor: Executor) -> bool:
+        """One cycle; True when it is held."""
+        inputs = executor.inputs
+        if not (wants_to_move and inputs.standstill and executor.feedback.statusword & StatusBit.INTERNAL_LIMIT):
+            self._since = -1
+            return False
+        if self._since < 0:
+            self._since = inputs.now
+        return inputs.now - self._since >= LIMIT_STANDING_NS

@@ -1,0 +1,417 @@
+"""Motions of the positioner on a drive: profile position (6060h = 1), profile velocity (3) and homing (6), with their handshakes.
+
+Source: docs/motion.md, docs/translation.md. Each setpoint is sent once: CW.4 rises with its data and falls when the drive has
+acknowledged it (SW.12), independent of STW1.6. The mode changes at standstill only and never with Halt. The position of a modulo
+axis is counted beyond the wrap of the drive: 607Bh if it wraps, else 32 bit. A way across the wrap is sent as a relative task
+from standstill, after an absolute task to the actual position. Then every reading of 60F2h starts at that position.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pdgw.ds301.objects import CanType
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity, Scaling
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
+from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.gateway.axis.demand_report import Flag
+from pdgw.gateway.axis.executors.executor import AxisRecords, highest, known
+from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
+from pdgw.gateway.axis.executors.positions.limits import TorqueLimit, position_mode
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
+from pdgw.gateway.axis.executors.torque import message_of, message_word
+from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.blocks import BlockTable, BlockTask
+from pdgw.gateway.motion.positioner import HELD, Positioner
+from pdgw.gateway.motion.requests import (
+    NOTHING,
+    Asked,
+    HomingResult,
+    MessageWord,
+    Motion,
+    MotionKind,
+    Outcome,
+    PositionerChoices,
+    PositionerSettings,
+)
+from pdgw.gateway.motion.states import State as Function
+from pdgw.gateway.motion.units import DriveUnits, LengthUnits, Ring
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.datatypes import n4
+from pdgw.profidrive.normalisation import Normalisation
+
+_STAND, _POSITION, _HOMING = MotionKind.STAND, MotionKind.POSITION, MotionKind.HOMING
+_POSITION_MODE, _VELOCITY_MODE, _HOMING_MODE = Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value
+_WITHOUT_FUNCTION = (Function.IDLE, Function.TRACKING, Function.BRAKING)
+_STANDING, _REACHED, _WITHIN_TOLERANCE = Flag.STANDING, Flag.REACHED, Flag.WITHIN_TOLERANCE
+_HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
+_FOLLOWING_ERROR = StatusBit.MODE_13
+"""Following error bit of mode 1."""
+_ENDLESS = (-(1 << 62), (1 << 62) - 1)
+"""Range of a modulo axis whose position continues across its ends."""
+_REPORTED = (Reason.HOMING_ERROR, Reason.MOVES_UNASKED, Reason.NOT_ACKNOWLEDGED)
+"""Warnings that are reported where they are detected."""
+_AT_LIMIT = 20
+"""Divisor of the torque limit: within this part, the torque is at its limit."""
+
+
+class PositionerExecutor(MotionExecutor):
+    """The positioner of one axis, and its drive. GatewayError without the user's settings for a positioner."""
+
+    POSITION_FOLLOWS: ClassVar[int] = 2
+    """Position and Statusword are in different PDOs: one of them waits for the end of its inhibit time, a cycle."""
+
+    def __init__(self, records: AxisRecords) -> None:
+        choices = records.settings.positioner
+        if choices is None:
+            raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
+        super().__init__(records, Positioner(_settings(choices), BlockTable(choices.blocks)), _POSITION_MODE)
+        self.choices: PositionerChoices = choices
+        self.report.motion = self.positioner.outcome
+        self._units: LengthUnits | None = None
+        self._speed: Normalisation | None = None
+        self._message: MessageWord | None = None
+        self._limits = (0, 0, 0)
+        """Highest velocity (also of the axis, over which OVERRIDE must not go), acceleration, deceleration of the drive."""
+        self._one_ramp = False
+        """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
+        self._torque = TorqueLimit(self.outputs)
+        self._ring: Ring | None = None
+        """Position counter of a modulo axis."""
+        self._anchored = 0
+        """Serial number of the motion before which the drive was sent to its actual position."""
+
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        choices, scaling = self.choices, drive.scaling
+        position_mode(drive)
+        if Mode.VELOCITY not in drive.modes:
+            raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "3 for setting up and jog")
+        units = DriveUnits(
+            known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
+            known(scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit"),
+            known(scaling.acceleration_per_rpm_s, "acceleration units per rpm/s", "acceleration_unit"),
+        )
+        super().set_drive(drive, homing_method)
+        length = self._units = LengthUnits(
+            choices.lu_per_revolution, choices.max_acceleration, choices.max_deceleration, units
+        )
+        reference = scaling.reference(Quantity.SPEED)
+        self._speed = n4(reference, drive.limits("velocity_actual"))
+        self._message = message_word(drive)
+        self._limits = (
+            min(
+                highest(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", "target_velocity"),
+                length.velocity(choices.max_velocity),
+            ),
+            highest(drive, Quantity.ACCELERATION, "profile_acceleration"),
+            highest(drive, Quantity.DECELERATION, "profile_deceleration"),
+        )
+        self._one_ramp = not drive.has("profile_deceleration")
+        self._torque.set_base(drive.max_torque)
+        if self.clamps:
+            if drive.max_torque <= 0:
+                raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
+            drive.entry("current_actual")  # without it a fixed stop is never detected
+        self._ring = self._make_ring(scaling, units) if choices.modulo else None
+        limits = scaling.position_range
+        distances = _in_length(length, self._target)
+        if self._ring is None or (limits is not None and not scaling.position_wraps):
+            positions = distances if limits is None else _in_length(length, limits)
+        else:
+            positions = _ENDLESS
+        self.positioner.set_ranges(positions, distances)
+
+    @property
+    def clamps(self) -> bool:
+        """A task may lower the torque limit of the drive."""
+        choices = self.choices
+        fixed_stop = any(block.task is BlockTask.FIXED_STOP for block in choices.blocks)
+        return fixed_stop or choices.clamping_torque is not None
+
+    def _make_ring(self, scaling: Scaling, units: DriveUnits) -> Ring:
+        """The ring for the position of this drive; Dsp402Error if it overflows at another value than the modulo range."""
+        if not scaling.position_wraps or scaling.position_range is None:
+            low, high = CanType.I32.integer_range
+            return Ring(low, high - low + 1)
+        low, high = scaling.position_range
+        size = units.positions_per_revolution * self.choices.modulo / self.choices.lu_per_revolution
+        # 607Bh is the last position, or the one equal to the first: drives differ.
+        if size not in {high - low, high - low + 1}:
+            allowed = f"the range at which the drive wraps (607Bh {low} to {high})"
+            raise Dsp402Error("modulo_range", f"{self.choices.modulo} LU = {float(size):g} position units", allowed)
+        return Ring(low, int(size))
+
+    def restarted(self) -> None:
+        self._torque.restarted(lowers=self.clamps)
+        super().restarted()
+
+    def lost(self) -> None:
+        self._torque.lost()
+        super().lost()
+
+    def _forget_home(self) -> None:
+        if self._ring is not None:
+            self._ring.reset()
+        super()._forget_home()
+
+    def refuse(self) -> None:
+        self._stop()
+        self.command.controlword, self.command.target_velocity = self.interlock.controlword, 0
+        seen, report = self._seen, self.report
+        seen.standstill = seen.reached = False
+        report.speed = report.length_speed = report.message = 0
+        self.positioner.step(NOTHING, self.inputs.now)
+
+    def sdo_done(self, error: str | None) -> None:
+        if not self._torque.answered(error):
+            super().sdo_done(error)
+
+    def probed(self, answer: ProbeAnswer) -> None:
+        units = self._units
+        if answer.wish is not self.outputs.probe or units is None:
+            return
+        if answer.error is not None:
+            self._seen.probe_refused = True
+        for position in answer.positions.values():
+            self._seen.probe = units.to_length(position if self._ring is None else self._ring.near(position))
+
+    def _probe(self, asked: Asked) -> None:
+        """Arm or disarm the probe of passive homing."""
+        outputs, seen = self.outputs, self._seen
+        seen.probe = None
+        seen.probe_refused = False
+        armed = self.positioner.outcome.probe
+        outputs.probe = ProbeWish((2 * asked.probe_2 + asked.probe_falling,)) if armed else None
+
+    def step(self) -> Reason | None:
+        units, speed, message, reason = self._units, self._speed, self._message, self.interlock.reason
+        if units is None or speed is None or message is None:
+            return reason
+        before = self.positioner.outcome.warning
+        outcome, feedback, outputs = self._cycle(), self.feedback, self.outputs
+        asked = self.positioner.asked
+        if self._continued and not self.stopped:
+            outcome.reached = False
+        if outcome.probe is (outputs.probe is None):
+            self._probe(asked)
+        if asked.operating:
+            reason = outputs.reason or outcome.reason
+            if reason is Reason.HOMING_ERROR:
+                reason = self.homing.failure
+        self._torque.follow(outcome.motion.torque if asked.operating else None)
+        if outcome.warning is not before:
+            self._warn(outcome.warning)
+        report = self.report
+        report.speed = speed.to_wire(feedback.velocity_actual)
+        report.length_speed = units.to_length_speed(feedback.velocity_actual)
+        report.flags = self._flags(outcome)
+        if self._shows_stop_reached and self._stop_reached(asked):
+            report.flags |= _REACHED
+        report.message = message_of(message, feedback, outputs)
+        return reason
+
+    def _warn(self, warning: Reason | None) -> None:
+        """Report another warning of the positioner once; it is shown while it is active. An edge that started nothing is none."""
+        if warning not in _REPORTED:
+            self.outputs.end_warnings(TASK_WARNINGS)
+            if warning is not None and warning not in HELD:
+                self.outputs.warn(FaultNumber.POSITIONER, warning.value)
+
+    def _flags(self, outcome: Outcome) -> int:
+        flags = _STANDING if outcome.standing else 0
+        if outcome.reached:
+            flags |= _REACHED
+        if outcome.home_set:
+            flags |= _HOME_SET
+        if outcome.acknowledged:
+            flags |= _TASK_ACKNOWLEDGED
+        following_error = self.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
+        return flags if following_error else flags | _WITHIN_TOLERANCE
+
+    # -- state of the drive ---------------------------------------------------------------------------------------------
+
+    def _read_state(self) -> None:
+        seen, feedback, units = self._seen, self.feedback, self._units
+        assert units is not None, "cycles begin when the drive is known"
+        statusword = feedback.statusword
+        position, ring = feedback.position_actual, self._ring
+        seen.position = units.to_length(position if ring is None else ring.follow(position))
+        torque = self.positioner.outcome.motion.torque
+        seen.torque_at_limit = torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (
+            _AT_LIMIT - 1
+        )
+        seen.negative_limit = feedback.digital_inputs & NEGATIVE_LIMIT_SWITCH != 0
+        seen.positive_limit = feedback.digital_inputs & POSITIVE_LIMIT_SWITCH != 0
+        executes = False
+        if self._set_at >= 0:
+            if self._read_acknowledge():
+                self._set_at = -1
+        elif not statusword & ACKNOWLEDGED and seen.taken == seen.given:
+            # A waiting setpoint keeps the acknowledgement until the drive starts it.
+            executes = True
+            if seen.executing != seen.taken and self._mode.shows_base():
+                self._executes_next()
+        self._read_arrival(executes=executes)
+
+    # -- commands -------------------------------------------------------------------------------------------------------
+
+    def _execute(self, motion: Motion) -> int:
+        kind, units = motion.kind, self._units
+        assert units is not None, "cycles begin when the drive is known"
+        if kind is _STAND:
+            return self._ramp_down()
+        mode, ring = self._mode, self._ring
+        if ring is not None and not self.stopped and self._crosses(ring, motion, units) and not self._released():
+            return self._slow_down()
+        wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
+        if mode.mode != wanted and not self.inputs.standstill and not self._released():
+            return self._slow_down()
+        if mode.mode == wanted and self._continues_in_base_mode():
+            mode.request(wanted)
+            return HALT
+        if mode.halted and not (kind is _HOMING and self._halted):
+            return 0  # reset Halt alone: a setpoint or a mode together with it is not allowed
+        if kind is _HOMING:
+            return self._home_axis(motion)
+        confirmed = mode.request(wanted)
+        if kind is not _POSITION:
+            self._set_at = -1  # replaced before its acknowledge
+            if confirmed:
+                self._turn(motion, units)
+            return 0
+        if self._set_at >= 0:
+            # One edge for each task: the bit stays until the acknowledge, also while the drive shows another mode.
+            if not self._replaces(motion, max(self._seen.given, self._anchored)):
+                return self._bits | NEW_SETPOINT
+            self._set_at = -1
+            return self._bits
+        if not confirmed:
+            return 0
+        if motion.serial != self._seen.given:
+            self._send_setpoint(motion, units)
+        return self._bits if self._set_at < 0 else self._bits | NEW_SETPOINT
+
+    def _crosses(self, ring: Ring, motion: Motion, units: LengthUnits) -> bool:
+        """A setpoint that was not given yet leads across an end of what the drive shows."""
+        if motion.kind is not MotionKind.POSITION or motion.distance is not None or motion.serial == self._seen.given:
+            return False
+        return ring.target(units.to_drive(motion.target)) is None
+
+    def _slow_down(self) -> int:
+        """Decelerate to standstill in the present mode."""
+        self._set_at = -1
+        self.command.target_velocity = 0
+        if self._mode.mode == _VELOCITY_MODE:
+            return 0
+        self._halted = True
+        return HALT
+
+    def _released(self) -> bool:
+        """Halt has stopped a setpoint and has fallen: a drive that continues is given the next setpoint or mode at once."""
+        return self._halted and not self._mode.halted and self._mode.shows_base()
+
+    def _ramp_down(self) -> int:
+        """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
+        mode, outcome = self._mode, self.positioner.outcome
+        kept = outcome.state not in _WITHOUT_FUNCTION
+        if kept:
+            self._set_at = -1
+        else:
+            self._seen.given = outcome.motion.serial
+            self._end_set_point()
+        if mode.mode == _VELOCITY_MODE:
+            self.command.target_velocity = 0
+            return HALT if self._continues_in_base_mode() else 0
+        if mode.mode == _HOMING_MODE and (self.inputs.standstill or self._released()):
+            if not mode.halted:
+                mode.request(mode.base)
+            return 0
+        if not kept:
+            return self._stand()
+        self._halted = True
+        return HALT
+
+    def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
+        command, (_, highest_acceleration, highest_deceleration) = self.command, self._limits
+        acceleration = min(units.acceleration(motion.acceleration), highest_acceleration)
+        deceleration = min(units.deceleration(motion.deceleration), highest_deceleration)
+        command.profile_acceleration = min(acceleration, deceleration) if self._one_ramp else acceleration
+        command.profile_deceleration = deceleration
+
+    def _velocity(self, motion: Motion, units: LengthUnits) -> int:
+        wanted, highest = units.velocity(motion.velocity, motion.override), self._limits[0]
+        limited = max(-highest, min(wanted, highest))
+        if limited != wanted:
+            self.outputs.saturations += 1
+        return limited
+
+    def _turn(self, motion: Motion, units: LengthUnits) -> None:
+        seen = self._seen
+        if motion.serial != seen.given or not self.command.target_velocity:
+            self._set_ramps(motion, units)
+            self.command.target_velocity = self._velocity(motion, units)
+            seen.given = seen.taken = seen.executing = motion.serial
+
+    def _send_setpoint(self, motion: Motion, units: LengthUnits) -> None:
+        """Send a setpoint when the drive has cleared the last acknowledge and has the torque limit."""
+        if self.feedback.statusword & ACKNOWLEDGED:
+            self._blocked = True
+            return
+        if not self._torque.holds(motion.torque):
+            self.outputs.reason = Reason.TORQUE_LIMIT
+            return
+        command = self.command
+        self._set_ramps(motion, units)
+        command.profile_velocity = self._velocity(motion, units)
+        relative = motion.distance is not None
+        target = units.to_drive(motion.target if motion.distance is None else motion.distance)
+        ring = self._ring
+        if ring is not None and not relative:
+            inside = ring.target(target)
+            if inside is not None:
+                target = inside
+            elif self._anchored != motion.serial:
+                self._anchored = motion.serial
+                self._set_point(ring.position, ControlBit.CHANGE_IMMEDIATELY)
+                return
+            else:
+                relative = True
+                target -= ring.near(ring.position)
+        immediate = ControlBit.CHANGE_IMMEDIATELY if motion.immediate else 0
+        self._set_point(target, immediate | (ControlBit.RELATIVE if relative else 0))
+        self._seen.given = motion.serial
+
+    def _home_axis(self, motion: Motion) -> int:
+        if self._ring is not None:
+            self._ring.reset()
+        method = self.choices.homing_method
+        if self._seen.given != motion.serial and not self.homing.require_method(method):
+            self._begin_homing(motion)
+            self._homing_ends(HomingResult.FAILED)
+            return 0
+        return 0 if method is None else self._home(motion, method, None)
+
+
+def _in_length(length: LengthUnits, positions: tuple[int, int]) -> tuple[int, int]:
+    low, high = positions
+    return length.to_length(low), length.to_length(high)
+
+
+def _settings(choices: PositionerChoices) -> PositionerSettings:
+    """Range before the drive is known: that of the object."""
+    return PositionerSettings(
+        choices.max_velocity,
+        choices.position_window,
+        CanType.I32.integer_range,
+        choices.jog_velocities,
+        choices.jog_distances,
+        choices.software_limits,
+        choices.reference_coordinate,
+        # A waiting setpoint starts later: the revolution of the axis at that time is not known when it is sent.
+        waiting_setpoints=choices.waiting_setpoints and not choices.modulo,
+        clamping_torque=choices.clamping_torque,
+        probe=True,
+        modulo=choices.modulo,
+    )

@@ -1,0 +1,242 @@
+"""Telegram 9: traversing tasks in profile position (6060h = 1, -5 on a modulo axis), and homing between them.
+
+Source: docs/translation.md "Positioning, telegram 9 (MDI)"; the manufacturer's guide 5.2 and 6.7-6.14. CW.4 stays until STW1.6
+falls; a homing may begin in any state, and its CW.4 stays until STW1.11 falls.
+"""
+
+from __future__ import annotations
+
+from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import ControlBit
+from pdgw.gateway.axis.demand_report import Flag
+from pdgw.gateway.axis.executors.executor import AxisRecords
+from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
+from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
+from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
+from pdgw.gateway.axis.power_states import Action
+from pdgw.gateway.motion.mdi import MdiPositioner
+from pdgw.gateway.motion.requests import NOTHING, Asked, HomingResult, Motion, MotionKind
+from pdgw.gateway.motion.states import State
+from pdgw.gateway.motion.travel import Goal
+from pdgw.gateway.motion.units import Direction
+from pdgw.gateway.reasons import Reason
+
+_STANDING, _REACHED = Flag.STANDING, Flag.REACHED
+_HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
+_IDLE, _HOMING, _BRAKING = State.IDLE, State.HOMING, State.BRAKING
+_ENABLED = (Action.ENABLE_OPERATION, Action.RAMP)
+
+
+class PositioningExecutor(MotionExecutor):
+    """Tasks and homing of one axis with telegram 9."""
+
+    def __init__(self, records: AxisRecords) -> None:
+        self._mdi = MdiPositioner(self)
+        super().__init__(records, self._mdi, Mode.POSITION.value)
+        self._turntable = self.settings.modulo_axis
+        self._turn_bits = dict.fromkeys(Direction, 0)
+        """Controlword bits for the direction of a turntable."""
+        self._scaling: TaskScaling | None = None
+        self._resumed_at = 0
+        """Position of the axis at the end of an intermediate stop."""
+
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        self._mode.rebase(base_mode(drive, modulo=self._turntable))
+        turntable = drive.quirks.turntable
+        if turntable is not None:
+            self._turn_bits[Direction.SHORTEST] = turntable.shortest
+            self._turn_bits[Direction.NEGATIVE] = turntable.ccw
+        super().set_drive(drive, homing_method)
+        self._scaling = TaskScaling.of(drive)
+        window = drive.position_window
+        if window is None:
+            window = int(drive.scaling.reference(Quantity.POSITION) * self.settings.standstill_window)
+        self._mdi.set_window(None if self._turntable else window)
+
+    def refuse(self) -> None:
+        self._stop()
+        self.command.controlword = self.interlock.controlword
+        self.positioner.step(NOTHING, self.inputs.now)
+        report = self.report
+        report.position = report.homing_method = 0
+        report.tasks_active = False
+
+    def step(self) -> Reason | None:
+        scaling, reason = self._scaling, self.interlock.reason
+        if scaling is None:
+            return reason
+        outcome = self._cycle()
+        asked, feedback, report = self._mdi.asked, self.feedback, self.report
+        homes = outcome.state is _HOMING
+        flags = _STANDING if self.inputs.standstill else 0
+        if asked.operating:
+            reason = self.outputs.reason or outcome.warning
+            waits = outcome.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
+            if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
+                flags |= _REACHED
+        if self._shows_stop_reached and self._stop_reached(asked):
+            flags |= _REACHED
+        if outcome.home_set:
+            flags |= _HOME_SET
+        if not homes:
+            of_the_task = outcome.motion.first <= self._seen.given
+            if self._acknowledges and of_the_task:
+                flags |= _TASK_ACKNOWLEDGED
+            report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and asked.mdi
+        report.flags = flags
+        report.homing_method = self.homing.method
+        report.position = scaling.position.to_wire(feedback.position_actual)
+        return reason
+
+    # -- requests of the positioner --------------------------------------------------------------------------------------
+
+    def require_homing(self, *, edge: bool) -> bool:
+        """A method that the drive lacks starts nothing and sets the warning until homing is no longer requested."""
+        asked, outputs = self._mdi.asked, self.outputs
+        if not asked.homing:
+            if self.positioner.outcome.state is _IDLE:
+                outputs.end_warnings(TASK_WARNINGS)
+        elif edge:
+            return self.homing.require_method(asked.homing_method)
+        elif outputs.warned & TASK_WARNINGS:
+            outputs.reason = Reason.HOMING_METHOD
+        return False
+
+    def converted(self, asked: Asked) -> Goal:
+        """Convert a task to the drive's units."""
+        scaling, limited = self._scaling, self.limited
+        assert scaling is not None, "tasks start in operation, which needs the drive"
+        target = limited(scaling.position if asked.absolute else scaling.relative, asked.target)
+        velocity = limited(scaling.velocity, asked.velocity)
+        acceleration = limited(scaling.acceleration, asked.acceleration)
+        deceleration = limited(scaling.deceleration, asked.deceleration)
+        if scaling.one_ramp:
+            acceleration = min(acceleration, deceleration)
+        direction = Direction.SHORTEST
+        if asked.positive is not asked.negative:
+            direction = Direction.POSITIVE if asked.positive else Direction.NEGATIVE
+        distance = None if asked.absolute else target
+        return Goal(
+            MotionKind.POSITION,
+            target if asked.absolute else self.feedback.position_actual + target,
+            distance,
+            *(velocity, acceleration, deceleration),
+            direction=direction,
+            relative=self._turntable and not asked.absolute,
+        )
+
+    # -- state of the drive ---------------------------------------------------------------------------------------------
+
+    def _read_state(self) -> None:
+        seen, feedback = self._seen, self.feedback
+        seen.position = feedback.position_actual
+        seen.stopped = self._rests
+        if self._set_at >= 0 and seen.taken != seen.given and self._read_acknowledge():
+            self._executes_next()
+        self._read_arrival(executes=seen.taken == seen.given)
+
+    def _execute(self, motion: Motion) -> int:
+        mdi, mode, outputs = self._mdi, self._mode, self.outputs
+        state, before = mdi.outcome.state, mdi.before
+        if before is _BRAKING or mdi.outcome.reason is not None:
+            outputs.reason = mdi.outcome.reason
+        if state is _HOMING:
+            return self._home_as_asked(motion)
+        if state is _BRAKING:
+            self._end_set_point()
+            self._halted = True
+            return HALT
+        if before is _HOMING:
+            if self._seen.homing is not HomingResult.RUNNING:
+                outputs.end_warnings(TASK_WARNINGS)
+            self._end_set_point()
+            mode.abandon()
+        if state is _IDLE and before is _IDLE and self._stand():
+            return HALT
+        goal = mdi.goal
+        if goal is not None and motion.kind is MotionKind.STAND:
+            return HALT | self._interrupted(goal)
+        if mode.halted:
+            # Reset Halt alone; a new setpoint or a mode together with it is not allowed.
+            self._resumed_at = self.feedback.position_actual
+            self._end_set_point()
+        else:
+            self._shake_hands(motion, goal)
+        if state is _IDLE and before is not _BRAKING and mode.mode != mode.base:
+            mode.request(mode.base)
+        return self._word_bits()
+
+    def _word_bits(self) -> int:
+        return self._bits if self._set_at < 0 else self._bits | NEW_SETPOINT
+
+    def _interrupted(self, goal: Goal) -> int:
+        """An intermediate stop: the handshake ends; one of a goal that is replaced is over."""
+        if self._mdi.waits:
+            self._bits = self._bits_of(goal)
+            self._set_at = -1
+        elif self._may_fall():
+            self._set_at = -1
+        return self._word_bits()
+
+    def _may_fall(self) -> bool:
+        """CW.4 stays until the drive has taken the task and STW1.6 falls, or another task waits."""
+        asked = self._mdi.asked
+        return self._seen.taken == self._seen.given and (not asked.activate or self._mdi.waits)
+
+    def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
+        """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
+        if self._set_at >= 0:
+            if self._may_fall():
+                self._set_at = -1
+            elif self._replaces(motion, self._seen.given):
+                self._set_at = -1
+                self.outputs.end_warnings(TASK_WARNINGS)
+        elif goal is not None and self._mdi.waits:
+            self._blocked = self._acknowledges
+            if not self._blocked and self._mode.request(self._mode.base):
+                self._send_setpoint(motion, goal)
+
+    def _send_setpoint(self, motion: Motion, goal: Goal) -> None:
+        command = self.command
+        command.profile_velocity = goal.velocity
+        command.profile_acceleration, command.profile_deceleration = goal.acceleration, goal.deceleration
+        target = goal.target if goal.distance is None else goal.distance
+        if goal.relative and goal.distance is None:
+            target -= self._resumed_at
+        if self._turntable:
+            low, high = self._target
+            target = (target - low) % (high - low + 1) + low
+        self._set_point(target, self._bits_of(goal))
+        self._seen.given = motion.serial
+
+    def _bits_of(self, goal: Goal) -> int:
+        """Controlword bits 5 and 6, and those of a turntable."""
+        if goal.distance is not None or goal.relative:
+            return ControlBit.CHANGE_IMMEDIATELY | ControlBit.RELATIVE
+        return ControlBit.CHANGE_IMMEDIATELY | (self._turn_bits[goal.direction] if self._turntable else 0)
+
+    def _begin_homing(self, motion: Motion) -> None:
+        super()._begin_homing(motion)
+        self.positioner.forget_home()
+
+    def _homing_ends(self, result: HomingResult) -> None:
+        super()._homing_ends(result)
+        self.positioner.outcome.home_set = result is HomingResult.ATTAINED
+
+    def _home_as_asked(self, motion: Motion) -> int:
+        """Homing with method and velocity of its edge; CW.4 stays after its end until STW1.11 falls."""
+        seen, homing, scaling = self._seen, self._mdi.homing, self._scaling
+        if seen.given != motion.serial and homing is not None and scaling is not None:
+            self._end_set_point()
+            method, velocity = homing
+            return self._home(motion, method, self.limited(scaling.velocity, velocity))
+        if seen.homing is HomingResult.RUNNING:
+            if self._continues_in_base_mode():
+                self._mode.request(Mode.HOMING)
+                return HALT
+            return self._home(motion, 0, None)
+        if seen.homing is HomingResult.ATTAINED:
+            return NEW_SETPOINT
+        self.outputs.reason = self.homing.failure
+        return self._halt_before_homing()

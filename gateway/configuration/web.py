@@ -1,0 +1,101 @@
+"""Configuration of ``pdgw web``: address of the page, access rights, MQTT."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, Strict, model_validator
+
+from pdgw.explain import misplaced
+from pdgw.gateway.configuration.environment import Boolean, Integer, Section
+
+WEB_PORT = 8420
+"""TCP on loopback: the page, unless ``listen`` says otherwise."""
+_HOST_NAME = r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,252}[A-Za-z0-9])?$"
+_TOPIC = r"^[^/+#$\x00][^+#\x00]*$"
+"""No wildcards, and none of the broker's own topics."""
+
+
+def split_address(text: str) -> tuple[str, int]:
+    """``127.0.0.1:8420``, ``localhost:8420``, ``[::1]:8420`` or ``::1:8420`` as address and port; ValueError for another text."""
+    host, _, port = text.rpartition(":")
+    host = "127.0.0.1" if host.lower() == "localhost" else host
+    host = host.removeprefix("[").removesuffix("]") if host.startswith("[") else host
+    try:
+        ipaddress.ip_address(host)
+        number = int(port)
+    except ValueError:
+        number = -1
+    if not 0 <= number <= 0xFFFF:
+        raise ValueError(f'{text!r} is not an address with a port, expected for example "127.0.0.1:{WEB_PORT}"')
+    return host, number
+
+
+def _is_address(text: str) -> str:
+    split_address(text)
+    return text
+
+
+def _is_host(text: str) -> str:
+    try:
+        text.encode("idna")  # as the MQTT client does, whose thread would end with the error
+    except UnicodeError:
+        raise ValueError(f"{text!r} is not a host name or address") from None
+    return text
+
+
+class WebConfig(Section):
+    """The page. A client that reaches it can read everything and change nothing."""
+
+    listen: Annotated[str, Strict(), AfterValidator(_is_address)] = f"127.0.0.1:{WEB_PORT}"
+    token_file: Path | None = None
+    """The file with the secret that opens the page; needed beyond loopback."""
+    hosts: tuple[Annotated[str, Field(pattern=_HOST_NAME)], ...] = ()
+    """Names by which browsers reach it, beside its address: a page of another name is refused (DNS rebinding)."""
+    tls_cert: Path | None = None
+    """PEM file with the certificate and its key."""
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """The address that it listens on."""
+        return split_address(self.listen)
+
+    @property
+    def is_local(self) -> bool:
+        """Only programs on this machine reach it."""
+        return ipaddress.ip_address(self.address[0]).is_loopback
+
+    @model_validator(mode="after")
+    def _is_guarded(self) -> WebConfig:
+        address = ipaddress.ip_address(self.address[0])
+        if not address.is_loopback and self.token_file is None:
+            text = f"token_file is missing: other computers can reach listen = {self.listen}"
+            raise misplaced(text, "listen")
+        if address.is_unspecified and not self.hosts:
+            text = (
+                f"hosts is missing: a browser cannot open listen = {self.listen}; list the names of this "
+                "machine in hosts"
+            )
+            raise misplaced(text, "listen")
+        return self
+
+
+class MqttConfig(Section):
+    """The broker for the states of the axes; the gateway receives nothing from it."""
+
+    host: Annotated[str, Field(min_length=1, max_length=253), AfterValidator(_is_host)]
+    port: Annotated[Integer, Field(ge=1, le=65535)] = 1883
+    topic: Annotated[str, Field(pattern=_TOPIC, max_length=200)] = "pdgw"
+    """Before the name of the gateway."""
+    username: str | None = None
+    password_file: Path | None = None
+    tls: Boolean | Path = False
+    """True: the system has the certificates that the broker's is checked with; or the file that has them."""
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> MqttConfig:
+        if self.password_file is not None and self.username is None:
+            raise misplaced("password_file needs username", "password_file")
+        return self

@@ -1,0 +1,607 @@
+"""The PROFINET link of the gateway: an IO device on an Ethernet interface.
+
+New output data of the controller steps the drive objects; input data is sent with the timing of the device. Name and address from
+DCP are in the store. The axes do not wait for the data hold time of the relationship (up to 1.92 s): ``watchdog_factor`` cycles
+without data are a loss of the PLC.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Final, Protocol
+from uuid import UUID
+
+from pdgw.ds301.counters import Counters
+from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
+from pdgw.durations import MS
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
+from pdgw.gateway.links.link import FrameRecorder, silence
+from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
+from pdgw.gateway.links.profinet.ethernet import EthernetPort
+from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
+from pdgw.gateway.links.profinet.station import StationKeeper, profinet_model
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.reasons import Finding, Reason
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.trace.pcapng import FramePlaces
+from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.profidrive.telegrams import Telegram
+from pdgw.profinet.blocks.alarm import MessageClass
+from pdgw.profinet.connection.cmdev import ApplicationRelation, Event
+from pdgw.profinet.connection.cpm import Consumer, Verdict
+from pdgw.profinet.connection.ppm import NEVER, Provider
+from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
+from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
+from pdgw.profinet.rpc.server import NoRecords, RecordHandler
+from pdgw.profinet.station import Station
+
+log = logging.getLogger("gateway")
+
+_AT_ONCE = 64
+_WAITED_AT_MOST: Final = 10_000
+"""More than a socket buffer: a flood must not delay the cycle."""
+_WAITING = 64
+"""Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
+_DIAGNOSIS_NS: Final = 50 * MS
+_NOT_IN_FORCE: Final = -1
+"""Instead of the orders of a frame that did not count: the next frame is a step of the axes."""
+_HELD_UP: Final = "the gateway was held up for longer than the watchdog time, and frames waited meanwhile"
+_SHORTEST_WATCHDOG: Final = 2
+"""Cycles: the gateway reads in each cycle, at a time that varies."""
+
+
+class Served(Diagnosed, Protocol):
+    """Data of a drive object for the link."""
+
+    telegram: Telegram
+
+
+class _Places:
+    """The place of input data and IOPS of each drive object in the frames of one provider, and its IOPS."""
+
+    def __init__(self, provider: Provider, objects: int) -> None:
+        self.data = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, objects + 1)]
+        self.good: list[bool | None] = [None] * objects
+
+
+def _order_mask(consumer: Consumer, telegrams: Sequence[Telegram]) -> int:
+    """The bits of a frame from its FrameID on that are orders: all but the cycle counter, setpoints and signs of life."""
+    mask = bytearray([0xFF]) * consumer.size
+    mask[consumer.trailer : consumer.trailer + 2] = bytes(2)
+    for index, telegram in enumerate(telegrams):
+        where = consumer.place((index + 1, TELEGRAM_SUBSLOT))
+        orders = control_mask(telegram.setpoints)
+        if where is not None and where[1] - where[0] == len(orders):
+            mask[where[0] : where[1]] = orders
+    return int.from_bytes(mask, "big")
+
+
+class ProfinetLink:
+    """``Link`` over PROFINET. Records are served once ``serve_records`` has named who does it."""
+
+    def __init__(
+        self,
+        port: EthernetPort,
+        config: GatewayConfig,
+        store: ParameterStore,
+        loop: Loop,
+        objects: Sequence[Served],
+        seed: UUID | None = None,
+    ) -> None:
+        transport = config.transport
+        self.port = port
+        self._config = config
+        self._store = store
+        self._loop = loop
+        self._objects = objects
+        self._telegrams = [item.telegram for item in objects]
+        self._records_of: Callable[[str], RecordHandler] = lambda host: NoRecords()
+        self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(loop, _WAITING)
+        self._tasks: list[Task] = []
+        self._timer: Timer | None = None
+        self._timer_due = 0
+        self._consumer: Consumer | None = None
+        """Data of the connected controller."""
+        self._order_mask = self._ordered = 0
+        """All bits of a frame that are orders, and the orders of the newest one."""
+        self._pairing: Pairing | None = None
+        """None: the relationship has two cycles or a long one, or there is none."""
+        self._exchange: Callable[[], None] = lambda: None
+        self._closed = False
+        self._answering = False
+        """The input frame is due, and is sent as soon as it contains the answer to the frame that was read for it."""
+        self._watch: Timer | None = None
+        self._receivable = False
+        self._limit_ns = 0
+        self._losses = RepeatedLosses(0)
+        """Of this relationship."""
+        self._held_up_ns = NEVER
+        """If the port was not read for longer, the frames in it are not used, and the PLC is lost."""
+        self._read_at = 0
+        self._received_at = 0
+        self.more = True
+        """Data after a punctual frame is processed in the next turn, which saves one system call in each cycle."""
+        self._reported: list[set[MessageClass]] = [set() for _ in objects]
+        self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
+        """Actual values of the last step and whether they are valid: what a new relationship begins with."""
+        self._placed_for: ApplicationRelation | None = None
+        self._places: _Places | None = None
+        """Places in the frames of this relationship."""
+        self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
+        """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
+        self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
+        self.layout_token = object()
+        self.recorder: FrameRecorder | None = None
+        self.watchdog_expiries = 0
+        self.loss = ""
+        self._end = ""
+        """Reason of the end of the newest relationship with data exchange."""
+        self._untold = ""
+        """Reason of a loss that the axes have not seen yet: until then no setpoints count."""
+        self._keeper = StationKeeper(port, transport, store, loop)
+        model = profinet_model(transport, port.mac, config.objects, self._telegrams)
+        name, ip = self._keeper.first_name(), self._keeper.first_ip()
+        self.station = Station(model.identity, name, ip, link_up=port.link_up, medium=port.medium)
+        self.device = ProfinetDevice(
+            model,
+            self.station,
+            self._records_for,
+            seed=UUID(bytes=os.urandom(16)) if seed is None else seed,
+            now=loop.now(),
+            boot_time=int(loop.wall()) & 0xFFFFFFFF,
+            give_ip=self._keeper.give_ip,
+        )
+        self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was aborted")
+        self._register_counters(loop.counters)
+
+    def _register_counters(self, counters: Counters) -> None:
+        add, device = partial(counters.add, "link"), self.device
+        for verdict in Verdict:
+            add(verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
+        add("foreign", "frames", "unknown relationship", lambda: device.foreign)
+        add("watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries)
+        add("connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
+        add("dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
+        add("errors", "frames", "send or receive failed", lambda: self.port.errors)
+        add("sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
+        add("missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed)
+
+    def _count_of(self, verdict: Verdict) -> int:
+        return self.device.cm.cyclic.received[verdict]
+
+    def serve_records(self, records_of: Callable[[str], RecordHandler]) -> None:
+        """Set the handler of parameter access and I&M for each requesting host."""
+        self._records_of = records_of
+
+    def _records_for(self, host: str) -> RecordHandler:
+        return self._records_of(host)
+
+    # -- Link ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def connected(self) -> bool:
+        return self.device.connected
+
+    @property
+    def peer(self) -> str | None:
+        relation = self.device.relation
+        return f"{relation.plan.ar.station_name} {relation.source[0]}" if relation else None
+
+    @property
+    def peer_host(self) -> str | None:
+        relation = self.device.relation
+        return str(relation.source[0]) if relation else None
+
+    def start(self, action: Callable[[], None]) -> None:
+        station = self.station
+        log.info("PROFINET device %s on %s", station.name or "without a name", self._config.transport.interface)
+        self._exchange = action
+        self.port.start(action, self._on_other, self._on_carrier)
+        self._tasks.append(self._loop.spawn(self._serve, "PROFINET calls"))
+        self._on_watch()
+        self._pump()
+
+    def receive(self, now: int, at_most: int = _AT_ONCE) -> bool:
+        device = self.device
+        held_up, self._read_at = now - self._read_at > self._held_up_ns, now
+        if held_up:
+            self._discard_waiting()
+        fresh = False
+        for _ in range(at_most):
+            frame = self.port.receive()
+            if frame is None:
+                break
+            if device.on_frame(frame, now):
+                fresh = True
+                if self._is_changed():
+                    # The axes process a changed order or a STOP before the frames after it, which wake the loop.
+                    if self._pairing is not None:
+                        self._pairing.end()
+                    break
+        if not device.quiet:
+            self._pump()
+        self.more = True
+        if fresh:
+            self._read_setpoints(now)
+        return fresh
+
+    def _discard_waiting(self) -> None:
+        """Frames that waited for an unknown time are not a sign of life, and their orders may be old."""
+        waited = False
+        for _ in range(_WAITED_AT_MOST):
+            if self.port.receive() is None:
+                break
+            waited = True
+        if waited:
+            self._tell(_HELD_UP)
+
+    def _is_changed(self) -> bool:
+        """Whether orders of the newest frame differ from those of the frame before it, or its relationship is new."""
+        relation, consumer = self.device.relation, self._consumer
+        if relation is None or consumer is None or relation.consumer is not consumer:
+            return True
+        before = self._ordered
+        self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
+        return self._ordered != before
+
+    def _read_setpoints(self, now: int) -> None:
+        consumer, setpoints = self._consumer, self.setpoints
+        if consumer is None:
+            return
+        since, half = now - self._received_at, consumer.cycle_ns >> 1
+        self._received_at = now
+        self.more = not half < since < consumer.cycle_ns + half
+        if self._pairing is not None and not self._pairing.together:
+            self._pairing.came(now)
+        if self._untold:
+            self._ordered = _NOT_IN_FORCE
+            return
+        if since > self._limit_ns:
+            self._losses.returned(now, since)
+        payload = consumer.payload
+        for index, unpack_from, offset, iops in self._outputs:
+            good = consumer.running and payload[iops] & IOPS_GOOD
+            setpoints[index] = unpack_from(payload, offset) if good else None
+        self._receivable = True
+
+    def poll(self, now: int) -> bool:
+        if not self._receivable:
+            return False
+        consumer = self._consumer
+        if self._untold:
+            loss, self._untold = self._untold, ""
+        elif consumer is None or consumer.data_ns is None:
+            loss = self._end
+        else:
+            if now - consumer.data_ns <= self._limit_ns:
+                return False
+            loss = silence(self._config.transport.watchdog_factor)
+            self.watchdog_expiries += 1
+        self.loss = self._losses.report(loss, now)
+        self._receivable = False
+        self.lose_setpoints()
+        return True
+
+    def _tell(self, loss: str) -> None:
+        """The next step of the axes sees this loss, also if the controller is there again by then."""
+        if self._receivable:
+            self._untold = loss
+
+    def finding(self, index: int | None = None) -> Finding | None:
+        now, consumer = self._loop.now(), self._consumer
+        if consumer is None:
+            return self._without_relationship(now)
+        if (repeated := self._losses.finding(now)) is not None:
+            return repeated
+        if self._receivable and not consumer.running:
+            return Finding.of(Reason.PLC_STOP)
+        if index is None or self.setpoints[index] is not None:
+            return None
+        if all(index != known for known, *_ in self._outputs):
+            number = self._telegrams[index].number
+            return Finding.of(
+                Reason.NO_RELATIONSHIP, f"the controller's project has no telegram {number} in slot {index + 1}"
+            )
+        return Finding.of(Reason.PLC_BAD) if self._receivable else None
+
+    def _without_relationship(self, now: int) -> Finding | None:
+        station = self.station
+        if not station.link_up:
+            text = f"the Ethernet cable of {self._config.transport.interface} is off"
+            return Finding.of(
+                Reason.NO_RELATIONSHIP, text, "plug the cable; check the switch and the controller's port"
+            )
+        if refused := self._keeper.refused(now):
+            return Finding.of(Reason.NO_RELATIONSHIP, refused)
+        if not station.name:
+            text = "this device has no name of station"
+            return Finding.of(Reason.NO_RELATIONSHIP, text, "give it the name of the controller's project (DCP)")
+        return Finding.of(Reason.PLC_LOST, f"PLC lost: {self._end}") if self._end else None
+
+    @property
+    def age_ns(self) -> int | None:
+        return None
+
+    def lose_setpoints(self) -> None:
+        for index in range(len(self.setpoints)):
+            self.setpoints[index] = None
+
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int) -> None:
+        self._newest = (actuals, good)
+        relation = self.device.relation
+        if relation is not None and relation.provider is not None:
+            # Filled from the Connect on: the data must be valid at ApplicationReady.
+            self._fill(relation, relation.provider, actuals, good)
+        if self._answering:
+            self._answering = not self._provide(self._loop.now())
+
+    def _fill(
+        self,
+        relation: ApplicationRelation,
+        provider: Provider,
+        actuals: Sequence[Sequence[int]],
+        good: Sequence[bool],
+    ) -> None:
+        places = self._places
+        if places is None or relation is not self._placed_for:
+            self._placed_for = relation
+            places = self._places = _Places(provider, len(self._telegrams))
+        statuses = places.good
+        for index, telegram in enumerate(self._telegrams):
+            place = places.data[index]
+            if place is not None:
+                telegram.actuals.struct.pack_into(provider.frame, place[0], *actuals[index])
+                if statuses[index] is not good[index]:
+                    statuses[index] = good[index]
+                    provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
+
+    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
+        if self.device.relation is not None:
+            raise GatewayError(
+                "telegram: cannot be changed while a controller is connected, because its project defines it"
+            )
+        self._telegrams = list(telegrams)
+        self._newest = None
+        transport = self._config.transport
+        self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
+
+    def places(self) -> FramePlaces:
+        offsets = {index: offset for index, _, offset, _ in self._outputs}
+        setpoints = tuple(offsets.get(index) for index in range(len(self._telegrams)))
+        data = [None] * len(self._telegrams) if self._places is None else self._places.data
+        return FramePlaces("profinet", setpoints, tuple(None if place is None else place[0] for place in data))
+
+    def newest(self) -> tuple[bool, Address | None, bytes, bytes | bytearray]:
+        relation = self.device.relation
+        if relation is None or relation.consumer is None or relation.provider is None:
+            return False, None, b"", b""
+        return relation.connected, None, relation.consumer.payload, relation.provider.frame
+
+    @property
+    def received_ns(self) -> int | None:
+        relation = self.device.relation
+        return relation.consumer.data_ns if relation is not None and relation.consumer is not None else None
+
+    def keep(self, field: str, text: str) -> None:
+        """Store a text of the station."""
+        self._keeper.keep(field, text)
+
+    def status(self) -> dict[str, object]:
+        relation = self.device.relation
+        station = self.station
+        return {
+            "connected": self.connected,
+            "peer": list(relation.source) if relation else None,
+            "frames": {verdict.value: self._count_of(verdict) for verdict in Verdict},
+            "station": {
+                "name": station.name,
+                "ip": str(station.ip.address),
+                "mac": self.port.mac.hex(":"),
+                "link_up": station.link_up,
+                "relationship": relation.state.value if relation else "none",
+                "controller": relation.plan.ar.station_name if relation else "",
+                "cycle_ms": relation.provider.cycle_ns / MS if relation and relation.provider else None,
+                "flashing": self._keeper.flashing,
+            },
+        }
+
+    def close(self) -> None:
+        self._closed = True
+        self.device.end(Event.STOPPED, self._loop.now())
+        self._send_waiting()
+        self._release()
+        for task in self._tasks:
+            task.kill()
+        for timer in (self._timer, self._watch):
+            if timer is not None:
+                timer.cancel()
+        self.port.close()
+
+    # -- the device on the loop ---------------------------------------------------------------------------------------
+
+    def _on_other(self) -> None:
+        """DCP, LLDP and RPC: bounded in each turn, so that a flood of them delays no cycle."""
+        now = self._loop.now()
+        for _ in range(_AT_ONCE // 4):
+            frame = self.port.receive_other()
+            datagram = self.port.receive_datagram()
+            if frame is None and datagram is None:
+                break
+            if frame is not None:
+                self.device.on_frame(frame, now)
+                if self.recorder is not None:
+                    self.recorder.ethernet(frame)
+            if datagram is not None:
+                self._datagrams.put(datagram)
+                if self.recorder is not None:
+                    self.recorder.datagram(datagram[1], self._calls, datagram[0])
+        self._pump()
+
+    def _on_carrier(self) -> None:
+        up, self.station.medium = self.port.link_up, self.port.medium
+        if up != self.station.link_up:
+            log.log(logging.INFO if up else logging.ERROR, "cable %s", "plugged" if up else "pulled")
+            self.device.on_link(up, self._loop.now())
+            self._pump()
+        if self._keeper.address_changed():
+            # The port no longer receives calls of the controller, and its relationship has ended.
+            self.station.ip = self._keeper.address
+            self.device.end(Event.NAME_CHANGED, self._loop.now())
+            self._pump()
+
+    def _serve(self) -> None:
+        """Calls run in a task: one that writes to the disk waits there, and the exchange continues."""
+        while True:
+            data, source = self._datagrams.get()
+            try:
+                if self._pairing is not None and self._pairing.together:
+                    self._exchange()  # the waiting frame arrived before this call
+                self.device.on_datagram(data, source, self._loop.now())
+                relation = self.device.relation
+                if relation is None or not relation.connected:
+                    self.lose_setpoints()
+                if relation is not None and relation.consumer is self._consumer and not relation.connected:
+                    # Setpoints of the controller do not count until the parameters are complete.
+                    self._tell("the controller sends its parameters again (PrmBegin)")
+                if self._newest is not None and relation is not None and relation is not self._placed_for:
+                    self.send(*self._newest, self._loop.now())
+                self._pump()
+            except Exception as error:  # an error of one call: serve the next one
+                self._failed(error)
+
+    def _on_due(self) -> None:
+        pairing, now = self._pairing, self._loop.now()
+        sent = False
+        if pairing is not None and pairing.due(now):
+            before, self._answering = self._received_at, True
+            self._exchange()
+            sent, self._answering = not self._answering, False
+            if self._closed:
+                return
+            pairing.taken(self._received_at, found=self._received_at != before)
+        if self._timer is not None:
+            self._timer.cancel()  # the exchange may have set another deadline
+            self._timer = None
+        if sent or self._provide(now):
+            self._call_at(self.device.cyclic_deadline)
+        else:
+            self.device.poll(now)
+            self._pump()
+
+    def _provide(self, now: int) -> bool:
+        """Send the input frame, where that is all there is to do."""
+        frame = self.device.provide(now)
+        if frame is None:
+            return False
+        self.port.send(frame)
+        return True
+
+    def _pump(self) -> None:
+        """Send waiting frames, report events, and set the timer for the next call."""
+        self._send_waiting()
+        for event in self.device.events():
+            self._on_event(event)
+        due = self.device.next_deadline()
+        if self._timer is None or due < self._timer_due:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._call_at(due)
+
+    def _call_at(self, due: int) -> None:
+        self._timer_due = due
+        self._timer = self._loop.call_at(due, self._on_due)
+
+    def _send_waiting(self) -> None:
+        port = self.port
+        for address, data in self.device.outgoing():
+            if address is None:
+                port.send(data)
+                if self.recorder is not None:
+                    self.recorder.ethernet(bytes(data))
+            else:
+                port.send_datagram(bytes(data), address)
+                if self.recorder is not None:
+                    self.recorder.datagram(self._calls, address, bytes(data))
+
+    @property
+    def _calls(self) -> Address:
+        """Where calls are received."""
+        return str(self.station.ip.address), ACYCLIC_PORT
+
+    def _on_event(self, event: DeviceEvent) -> None:
+        match event:
+            case Connected(relation):
+                provider, consumer = relation.provider, relation.consumer
+                if provider is None or consumer is None:
+                    return
+                self._release()
+                for index, telegram in enumerate(self._telegrams):
+                    place = (index + 1, TELEGRAM_SUBSLOT)
+                    where = consumer.place(place) if place in relation.plan.proper else None
+                    if where is not None:
+                        self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
+                self._consumer = consumer
+                self._order_mask = _order_mask(consumer, self._telegrams)
+                self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
+                self._end = ""
+                if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
+                    self._pairing = Pairing(self.port, provider)
+                transport = self._config.transport
+                self._limit_ns = transport.watchdog_factor * consumer.cycle_ns
+                self._losses = RepeatedLosses(self._limit_ns)
+                cycles = max(transport.watchdog_factor, _SHORTEST_WATCHDOG)
+                self._held_up_ns = cycles * max(int(transport.cycle_time_ms * MS), consumer.cycle_ns)
+                self.layout_token = object()
+                cycle = provider.cycle_ns / MS
+                log.info("controller %s connected, cycle %g ms", self.peer, cycle)
+                if cycle < transport.cycle_time_ms:
+                    log.warning(
+                        "the controller's cycle time is shorter than cycle_time_ms = %g", transport.cycle_time_ms
+                    )
+                if relation.plan.diff is not None:
+                    log.warning("the controller's project differs from the configuration: see ModuleDiff")
+            case Disconnected(relation, ended):
+                if relation is self._placed_for:
+                    self._placed_for = self._places = None
+                log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
+                self._end = f"the relationship has ended: {ended.text}"
+                self._release()
+                self.lose_setpoints()
+                self._tell(self._end)
+            case _:
+                self._keeper.on_event(event, self.station.name)
+
+    def _release(self) -> None:
+        """Nothing is taken of the relationship any more."""
+        self._outputs.clear()
+        self._consumer = None
+        if self._pairing is not None:
+            self._pairing.end()
+            self._pairing = None
+
+    def _on_watch(self) -> None:
+        """Report problems of the drive objects as diagnosis of their access points."""
+        self._watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
+        changed = False
+        for index, item in enumerate(self._objects):
+            present = present_classes(item)
+            reported = self._reported[index]
+            if present == reported:
+                continue
+            point = (index + 1, ACCESS_POINT_SUBSLOT)
+            for number in reported - present:
+                self.device.clear_diagnosis(point, number)
+            for number in present - reported:
+                self.device.set_diagnosis(point, number)
+            if MessageClass.INTERNAL_COMMUNICATION in reported - present:
+                self.device.returned((index + 1, TELEGRAM_SUBSLOT))
+            self._reported[index] = present
+            changed = True
+        if changed:
+            self._pump()

@@ -1,0 +1,333 @@
+"""Replay a recording of the gateway: give the machines of this version the recorded inputs, and compare what they decide.
+
+The recorded frames are compared too: those from the PLC and the TPDOs with the inputs, the answers and the RPDOs with the
+decisions. A drive object is compared until its first difference. Without I/O.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.states import ControlBit
+from pdgw.gateway.axis.encoder_machine import EncoderMachine
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.values import PresetAnswer, ProbeAnswer, SdoAnswer
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.trace import pcapng
+from pdgw.gateway.trace.pcapng import Description
+from pdgw.gateway.trace.reader import Cycle, Frame, Step
+from pdgw.gateway.trace.steps import EVENTS, NO_SPEED, from_json, to_json
+from pdgw.profidrive.telegrams import telegram
+
+_COUNT: Final = "faults"
+"""Number of faults since the start, which the machine does not have."""
+_CONTROL: Final = "controlword"
+_SPEED: Final = "target_velocity"
+_MIDDLE: Final = "the recording begins in the middle of a run: a replay needs its start, as `pdgw run --record` has it"
+_CAN_HEAD: Final = struct.Struct(">IB")
+
+
+class Difference(NamedTuple):
+    """What this version decides otherwise. ``wall_ns``: since 1970."""
+
+    wall_ns: int
+    who: str
+    field: str
+    recorded: object
+    now: object
+
+
+@dataclass
+class Replayed:
+    """Result for one drive object."""
+
+    who: str
+    telegram: int
+    steps: int = 0
+    """Steps that were compared."""
+    differences: list[Difference] = field(default_factory=list)
+    """All fields of the first step that differs."""
+
+
+class _Sensor:
+    """A recorded encoder, as ``EncoderInput``."""
+
+    def __init__(self) -> None:
+        self.position = self.position_time = self.alarms = self.warnings = self.error_register = self.error_code = 0
+        self.speed: int | None = None
+        self.valid = False
+
+
+class _Object:
+    """One drive object."""
+
+    def __init__(self, description: Description, place: int, before: _Object | None) -> None:
+        traced = description.objects[place]
+        self._traced = traced
+        self._place = place
+        self._bus = description.buses.index(traced.bus)
+        self._reasons = description.reasons
+        self._offsets = description.places.setpoints[place], description.places.actuals[place]
+        self._telegram = telegram(traced.telegram)
+        self.result = Replayed(f"{traced.kind} {traced.do_id}", traced.telegram)
+        self._machine: Any = None
+        self._feedback = DriveFeedback()
+        self._sensors = [_Sensor(), _Sensor()]
+        self._pdos: dict[int, tuple[struct.Struct, tuple[str, ...]]] = {}
+        self._shown: dict[str, int] = {}
+        """Values of the TPDOs since the drive was configured."""
+        self._sent: list[tuple[tuple[str, ...], tuple[int, ...]]] = []
+        """RPDOs since the last step."""
+        self._command: dict[str, int] = {}
+        """Of the last step."""
+        self._orders: tuple[object, ...] = (None, None, None, None)
+        self._controlword: int | None = None
+        self._last: Step | None = None
+        self._setters: dict[str, list[tuple[int, Callable[[int], None]]]] = {}
+        if before is not None:
+            self._continue_after(before)
+
+    def _continue_after(self, before: _Object) -> None:
+        """Another section of the same run."""
+        self.result = before.result
+        self.result.telegram = self._traced.telegram
+        self._machine, self._feedback, self._sensors = before._machine, before._feedback, before._sensors
+        self._pdos, self._shown = before._pdos, before._shown
+        self._command, self._controlword, self._orders = before._command, before._controlword, before._orders
+        if self._traced.groups == before._traced.groups:
+            self._setters, self._last = before._setters, before._last
+
+    @property
+    def done(self) -> bool:
+        """There is nothing more to compare."""
+        return bool(self.result.differences)
+
+    # -- what the machine was given -----------------------------------------------------------------------------------
+
+    def _take(self, identifier: int, data: bytes) -> None:
+        """A frame on the bus since the last step."""
+        known = self._pdos.get(identifier)
+        if known is None or len(data) < known[0].size:
+            return
+        packed, names = known
+        values = packed.unpack_from(data)
+        if names[0] in self._traced.groups["command"]:
+            self._sent.append((names, values))
+        else:
+            self._shown.update(zip(names, values, strict=True))
+
+    def _give(self, step: Step) -> None:
+        for kind, value in step.events.get("given", ()):
+            self._given(kind, from_json(value))
+        machine = self._machine
+        if machine is None:
+            return
+        inputs, last = machine.inputs, self._last
+        inputs.setpoints = step.setpoints
+        for group in ("flags", "numbers", "feedback", "sensors"):
+            values = getattr(step, group)
+            if last is None or values is not getattr(last, group):
+                for place, put in self._setters[group]:
+                    put(values[place])
+        self._last = step
+
+    def _given(self, kind: str, value: Any) -> None:
+        machine = self._machine
+        if kind == "machine":
+            self._begin(value)
+        elif kind == "pdos":
+            self._pdos = {cob_id: (struct.Struct(text), names) for cob_id, text, names in value}
+            self._shown = {}
+        elif machine is None:
+            return
+        elif kind == "tolerate":
+            machine.tolerate(value)
+        elif kind == "preset":
+            machine.channel.sensor.preset_value = value
+        elif kind == "references":
+            place, references = value
+            if isinstance(machine, EncoderMachine):
+                machine.set_references(references)
+            else:
+                machine.set_references(place, references)
+        else:
+            machine.inputs.news.append(_present(value, machine.outputs) if kind == "answer" else value)
+
+    def _begin(self, settings: Any) -> None:
+        """A new machine, after the start or another telegram (P922)."""
+        before, traced = self._machine, self._traced
+        names = traced.groups["sensors"]
+        machine: Any
+        if traced.kind == "encoder":
+            machine = EncoderMachine(traced.telegram, settings, self._sensors[0])
+        else:
+            machine = AxisMachine(traced.telegram, settings, self._feedback)
+            for place in sorted({int(name.partition(".")[0]) for name in names}):
+                machine.inputs.encoders[place] = self._sensors[place]
+                machine.set_references(place, None)
+        if before is not None:
+            machine.adopt(before)
+        self._machine, self._last = machine, None
+        given = {
+            "flags": [(machine.inputs, name) for name in traced.groups["flags"]],
+            "numbers": [(machine.inputs, name) for name in traced.groups["numbers"]],
+            "feedback": [(self._feedback, name) for name in traced.groups["feedback"]],
+        }
+        self._setters = {
+            group: [(place, _setter(item, name)) for place, (item, name) in enumerate(pairs) if hasattr(item, name)]
+            for group, pairs in given.items()
+        }
+        self._setters["sensors"] = [
+            (place, setter) for place, name in enumerate(names) if (setter := self._sensor_setter(machine, name))
+        ]
+
+    def _sensor_setter(self, machine: Any, name: str) -> Callable[[int], None] | None:
+        number, _, attribute = name.partition(".")
+        if attribute == "ok":
+            places: list[bool] = getattr(machine.inputs, "encoders_ok", [False])
+            return lambda value: places.__setitem__(int(number), bool(value))
+        sensor = self._sensors[int(number)]
+        if attribute == "speed":
+            return lambda value: setattr(sensor, "speed", None if value == NO_SPEED else value)
+        return _setter(sensor, attribute)
+
+    # -- what it decides ----------------------------------------------------------------------------------------------
+
+    def step(self, cycle: Cycle, frames: Sequence[tuple[int, int, bytes]]) -> None:
+        """Give the inputs of a cycle, make the step, and compare. ``frames``: bus, identifier and data of those before it."""
+        step = cycle.steps[self._place]
+        self._give(step)
+        for bus, identifier, data in frames:
+            if bus == self._bus:
+                self._take(identifier, data)
+        machine = self._machine
+        if machine is None:
+            return
+        machine.inputs.now = cycle.time_ns
+        outputs = machine.step()
+        found = [*self._compared(step, outputs), *self._compared_frames(cycle, step, outputs)]
+        self.result.steps += 1
+        self.result.differences.extend(Difference(cycle.wall_ns, self.result.who, *item) for item in found)
+
+    def _compared(self, step: Step, outputs: Any) -> Iterator[tuple[str, object, object]]:
+        """Fields that differ, with the recorded value and that of now."""
+        groups = self._traced.groups
+        for name, recorded in zip(groups["decided"], step.decided, strict=True):
+            if name == "reason":
+                now = outputs.reason.name if outputs.reason is not None else ""
+                if now != (text := self._reasons[recorded - 1] if recorded else ""):
+                    yield name, text or "none", now or "none"
+            elif name != _COUNT and hasattr(outputs, name) and getattr(outputs, name) != recorded:
+                yield name, recorded, int(getattr(outputs, name))
+        for name, recorded in zip(groups["command"], step.command, strict=True):
+            if (now := getattr(outputs.command, name, recorded)) != recorded:
+                yield name, recorded, now
+        events = step.events
+        orders = outputs.writes, outputs.probe, *outputs.presets
+        if not events and not outputs.eventful and orders == self._orders:
+            return
+        before, self._orders = self._orders, orders
+        found = {name: getattr(outputs, name) for name in EVENTS} | {"orders": orders if orders != before else []}
+        for name, values in found.items():
+            now = to_json(values) or []
+            recorded = events.get(name, [])
+            if now not in (recorded, to_json(from_json(recorded))):  # the second has this version's names of classes
+                yield name, recorded, now
+
+    def _compared_frames(self, cycle: Cycle, step: Step, outputs: Any) -> Iterator[tuple[str, object, object]]:
+        setpoints_at, actuals_at = self._offsets
+        inputs = self._machine.inputs
+        if cycle.flags & pcapng.FRESH and setpoints_at is not None and step.setpoints is not None:
+            received = self._telegram.setpoints.struct.unpack_from(cycle.received, setpoints_at)
+            if received != tuple(step.setpoints):
+                yield "setpoints in the frame of the PLC", received, step.setpoints
+        if cycle.flags & pcapng.ANSWERED and actuals_at is not None and cycle.sent:
+            sent = self._telegram.actuals.struct.unpack_from(cycle.sent, actuals_at)
+            for name, recorded, now in zip(self._telegram.actuals.names, sent, outputs.actuals, strict=True):
+                if recorded != now:
+                    yield name, recorded, now
+        command = outputs.command
+        now = {name: getattr(command, name) for name in self._traced.groups["command"] if hasattr(command, name)}
+        before, self._command = self._command or now, now
+        if getattr(inputs, "drive_ok", False):
+            for name, value in self._shown.items():
+                if (given := getattr(self._feedback, name, value)) != value:
+                    yield f"{name} in the TPDO", value, given
+            yield from self._compared_rpdos(now, before)
+        self._sent.clear()
+
+    def _compared_rpdos(self, now: dict[str, int], before: dict[str, int]) -> Iterator[tuple[str, object, object]]:
+        """An RPDO has the values of this step, or of the one before where it waited. A Controlword may wait for other RPDOs, and
+        its new setpoint for other data. The speed is 0 until the drive confirms the mode of operation."""
+        for names, values in self._sent:
+            for name, value in zip(names, values, strict=True):
+                allowed = {now.get(name, value), before.get(name, value)}
+                if name == _CONTROL and self._controlword is not None:
+                    allowed.add(self._controlword)
+                if name == _CONTROL:
+                    allowed |= {word & ~ControlBit.NEW_SETPOINT for word in allowed}
+                if name == _SPEED:
+                    allowed.add(0)
+                if value not in allowed:
+                    yield f"{name} in the RPDO", value, now.get(name)
+                if name == _CONTROL:
+                    self._controlword = value
+
+
+def _setter(item: object, name: str) -> Callable[[int], None]:
+    kind = type(getattr(item, name))
+    return lambda value: setattr(item, name, kind(value))
+
+
+def _present(item: object, outputs: Any) -> object:
+    """An answer to the machine's own order: it compares some of them by identity."""
+    if isinstance(item, SdoAnswer):
+        return SdoAnswer(outputs.writes or item.writes, item.error)
+    if isinstance(item, PresetAnswer):
+        own = next((write for write in outputs.presets if write == item.write), item.write)
+        return PresetAnswer(own, item.error)
+    if isinstance(item, ProbeAnswer) and outputs.probe is not None:
+        return ProbeAnswer(outputs.probe, item.positions, item.error, item.supported)
+    return item
+
+
+def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
+    """The whole recording, in which gateways may follow each other. GatewayError if it begins in the middle of a run or has a
+    gap."""
+    objects: list[_Object] = []
+    results: dict[int, Replayed] = {}
+    number: int | None = None
+    frames: list[tuple[int, int, bytes]] = []
+    for item in items:
+        if isinstance(item, Cycle):
+            if number is None and item.number != 1:
+                raise GatewayError(_MIDDLE)
+            if number is not None and item.number != number + 1:
+                raise GatewayError(f"the recording has a gap of {item.number - number - 1} cycles")
+            number = item.number
+            for each in objects:
+                if not each.done:
+                    each.step(item, frames)
+            frames.clear()
+        elif isinstance(item, Frame):
+            if len(item.data) >= _CAN_HEAD.size:
+                identifier, size = _CAN_HEAD.unpack_from(item.data)
+                frames.append((item.interface, identifier, item.data[8 : 8 + size]))
+        elif item.first or objects:
+            known = {} if item.first else {each.result.who: each for each in objects}
+            number = None if item.first else number
+            made = [_Object(item, place, None) for place in range(len(item.objects))]
+            objects = [
+                each if each.result.who not in known else _Object(item, place, known[each.result.who])
+                for place, each in enumerate(made)
+            ]
+            results |= {id(each.result): each.result for each in objects}
+        else:
+            raise GatewayError(_MIDDLE)
+    if not results:
+        raise GatewayError("no steps of a gateway: only a recording of the gateway itself can be replayed")
+    return list(results.values())
