@@ -132,8 +132,8 @@ PIN := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generat
 	--custom-compile-command "make pins" --constraints constraints.txt pyproject.toml
 pins: $(STAMP)
 	$(INSTALL) -e '.[release]'
-	$(PIN) --extra web --extra mqtt --output-file pins/runtime.txt
-	$(PIN) $(addprefix --extra ,web mqtt plot dev archive controller browser) --output-file pins/development.txt
+	$(PIN) --extra web --extra mqtt --output-file deploy/pins/runtime.txt
+	$(PIN) $(addprefix --extra ,web mqtt plot dev archive controller browser) --output-file deploy/pins/development.txt
 
 # The files of the last commit, and the time of its build.
 TREE := build/tree
@@ -172,7 +172,7 @@ release: $(STAMP) $(WHEELS)
 	$(EPOCH) $(BIN)/python -m build --wheel --outdir build/again $(TREE)
 	cmp build/again/*.whl $(RELEASE)/*.whl
 	cp $(WHEELS)/*.whl $(TREE)/CHANGELOG.md $(RELEASE)
-	cp $(TREE)/pins/runtime.txt $(RELEASE)/requirements.txt
+	cp $(TREE)/deploy/pins/runtime.txt $(RELEASE)/requirements.txt
 	.ci/install build/installed $(BIN)/python --find-links $(RELEASE) profidrive-gateway
 	$(BIN)/cyclonedx-py environment --pyproject $(TREE)/pyproject.toml --output-reproducible --spec-version 1.6 \
 		-o $(RELEASE)/profidrive-gateway.cdx.json build/installed/bin/python

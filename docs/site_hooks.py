@@ -18,7 +18,7 @@ import pdgw
 _ROOT = Path(__file__).parent.parent
 _ROOMS = sorted(file.parent.name for file in _ROOT.glob("*/__init__.py") if file.parent.name not in {"pdgw", "tests"})
 """Packages with a page of the API reference."""
-_FOLDERS = {"examples": "python", "tools/scenarios": "yaml", "docs/measured": "text"}
+_FOLDERS = {"docs/examples": "python", "tools/scenarios": "yaml", "docs/measured": "text"}
 """Folders the documents link to, each a page with its files."""
 _BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md")
 """Documents of the repository outside ``docs/``."""

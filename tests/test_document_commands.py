@@ -42,7 +42,7 @@ HERE = {
     "pdgw map gateway.toml --format scl --out pdgw.scl": "",
     "pdgw map gateway.toml --format st --out pdgw.st": "",
     "pdgw map gateway.toml --format udt --out pdgw.udt": "",
-    "pdgw replay tools/recording/gateway.pcapng": "all equal",
+    "pdgw replay recording/gateway.pcapng": "all equal",
     "pdgw sim bus --example": "[[device]]",
     "pdgw timeline plc.pcap can.log": "anomalies: none",
     "pdgw timeline plc.pcap can.log --config gateway.toml": "anomalies: none",

@@ -19,7 +19,7 @@ CORE = {"can", "canopen", "greenlet", "pydantic", "pydantic_core", "typer", "cli
 WITH_ANOTHER = {"h11", "pytest"}
 """What a package of an extra always brings along, as uvicorn h11, and what loads the module: pytest its plugin."""
 NOT_OPTIONAL = CORE | WITH_ANOTHER | sys.stdlib_module_names
-BY_WEB_COMMAND = "web"
+BY_WEB_COMMAND = "tools/web"
 """The package that ``pdgw web`` imports in a ``try``, and nothing else does."""
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 

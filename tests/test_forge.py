@@ -78,7 +78,7 @@ def test_every_supported_python_is_tested_and_only_a_tag_may_write() -> None:
 
 def pinned(name: str) -> dict[str, str]:
     """The version of each package of a file; each one has a hash."""
-    text = (ROOT / "pins" / name).read_text(encoding="utf-8")
+    text = (ROOT / "deploy" / "pins" / name).read_text(encoding="utf-8")
     found = {str(canonicalize_name(match[1])): str(match[2]) for match in PIN.finditer(text)}
     assert len(found) == len(re.findall(r"^[\w.-]+==", text, re.MULTILINE)), "a pin without a hash"
     return found

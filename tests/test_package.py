@@ -24,7 +24,7 @@ from tests.support.gateways.daemon import axis, configuration, reached, serving
 from tests.support.readers.both_buses import write_capture
 
 ROOT = Path(__file__).parents[1]
-EXAMPLES = ROOT / "examples"
+EXAMPLES = ROOT / "docs" / "examples"
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 

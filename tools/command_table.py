@@ -215,7 +215,7 @@ EXAMPLES: Mapping[str, str] = {
     "param restore": "param restore axis1.json --do 1 --dry-run",
     "decode": "decode plc.pcap --telegram 1 --filter 'stw1.on == 0'",
     "timeline": "timeline plc.pcap can.log --telegram 1",
-    "replay": "replay tools/recording/gateway.pcapng",
+    "replay": "replay recording/gateway.pcapng",
     "drives": "drives epos4",
     "demo": "demo --chapter basics",
     "sim plc": "sim plc turn.yaml --gateway 127.0.0.1",

@@ -1,4 +1,4 @@
-"""Runs in a network namespace: ``pdgw run`` on one end of a veth pair, examples/open_controller.py on the other.
+"""Runs in a network namespace: ``pdgw run`` on one end of a veth pair, docs/examples/open_controller.py on the other.
 
 Arguments: configuration, GSDML file, the example. What it prints and the exit status are the example's.
 """

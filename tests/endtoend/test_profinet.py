@@ -24,7 +24,7 @@ from tests.support.cli import pdgw as in_process
 from tests.support.processes import PATIENT, demo_undisturbed, pdgw
 from tests.support.readers import tshark
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 CONFIG = f"""\
 store = "store.json"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tests.long.documents import package_picture
 from tests.long.documents.commands import COMMANDS_PATH, generate_commands
 from tests.long.documents.simulator_steps import generate_steps
 from tests.long.documents.tables import (
@@ -24,6 +25,7 @@ def test_docs_tables_are_up_to_date() -> None:
     assert (DOCS / PATH.name).read_text(encoding="utf-8") == generate(), "run: make docs"
     assert read_part(*MISBEHAVIOUR_PLACE) == generate_misbehaviour(), "run: make docs"
     assert read_part(*STEPS_PLACE) == generate_steps(), "run: make docs"
+    assert read_part(*package_picture.PLACE) == package_picture.generate(), "run: make docs"
 
 
 def test_table_of_the_commands_is_up_to_date() -> None:

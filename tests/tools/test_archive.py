@@ -25,7 +25,7 @@ from pdgw.tools.decoder.frames.records import LinkType
 from tests.support.readers import captures
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra archive is not installed")
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 PACKETS = captures.both_buses()
 SIGNALS = ["NSOLL_A", "NIST_A", "ZSW1.FAULT"]
 

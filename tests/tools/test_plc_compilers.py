@@ -19,7 +19,7 @@ from tests.support.gateways.daemon import running
 from tests.support.plc.structured_text import TextPlc, config_of, program
 from tests.tools.test_plc_motion import program_of, run_example
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 LIBRARY = os.environ.get("MATIEC_LIBRARY", "/usr/share/matiec/lib")
 COMPILERS = {
     "iec2c": ["-l", "-I", LIBRARY, "-T", ".", "plc.st"],  # matiec

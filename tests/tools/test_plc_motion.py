@@ -16,7 +16,7 @@ from tests.support.gateways.daemon import drive_of, running
 from tests.support.plc.motion_blocks import AXES, POSITIONS, VELOCITIES, Axis, axis_with
 from tests.support.plc.structured_text import TextPlc, config_of
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 EXAMPLE = (EXAMPLES / "axis_sequence.st").read_text()
 OF_9 = (
     ("PDGW_Axis_T111", "PDGW_Axis_T9"),
@@ -255,7 +255,7 @@ def test_example_program_passes(number: int) -> None:
 
 
 def test_the_program_of_the_document_homes_and_moves_three_revolutions() -> None:
-    document = (EXAMPLES.parent / "docs" / "plc.md").read_text(encoding="utf-8")
+    document = (EXAMPLES.parent / "plc.md").read_text(encoding="utf-8")
     text = textwrap.dedent(re.search(r"^ +PROGRAM Main$.*?END_PROGRAM$", document, re.DOTALL | re.MULTILINE)[0])
     config = load_config(EXAMPLES / "axis_sequence.toml")
     with running(config) as daemon:

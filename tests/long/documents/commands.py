@@ -41,7 +41,7 @@ your shell. Examples:
     pdgw param read P922 6041h 0x1018.3
     pdgw decode plc.pcap --filter 'stw1.on == 0 and axis == 1'
     pdgw timeline plc.pcap can.log
-    pdgw replay tools/recording/gateway.pcapng
+    pdgw replay recording/gateway.pcapng
 
 `pdgw run --web` also starts the [page](web.md), `pdgw run --record FOLDER` a recording of both buses.
 

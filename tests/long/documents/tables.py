@@ -42,6 +42,7 @@ from pdgw.profidrive.words import Bit, Confidence
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from tests.conformance.fault_cases import DRIVE_CASES, ENCODER_CASES, Case, Device
+from tests.long.documents import package_picture
 from tests.long.documents.markdown import table
 from tests.long.documents.simulator_steps import generate_steps
 from tests.support.documents.parts import write_part
@@ -476,3 +477,4 @@ if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
     write_part(*MISBEHAVIOUR_PLACE, generate_misbehaviour())
     write_part(*STEPS_PLACE, generate_steps())
+    write_part(*package_picture.PLACE, package_picture.generate())
