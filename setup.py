@@ -91,7 +91,7 @@ TREE = Path("build/mypyc")
 HEADERS = Path("build/c/pdgw")
 """Where mypyc writes the headers of the group, which its compiler options do not have."""
 BUILD = os.environ.get("PDGW_COMPILED")
-WANTED = BUILD in {"1", "soak"}
+REQUESTED = BUILD in {"1", "soak"}
 PATTERNS = COMPILED + SOAK if BUILD == "soak" else COMPILED
 
 
@@ -137,6 +137,6 @@ setup(
         *(".".join(("pdgw", *file.parent.parts)) for room in ROOMS for file in Path(room).rglob("__init__.py")),
     ],
     package_dir={"pdgw": "pdgw"} | {f"pdgw.{room}": room for room in ROOMS},
-    setup_requires=["mypy>=1.13"] if WANTED else [],
-    ext_modules=extensions() if WANTED else [],
+    setup_requires=["mypy>=1.13"] if REQUESTED else [],
+    ext_modules=extensions() if REQUESTED else [],
 )

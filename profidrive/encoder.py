@@ -53,7 +53,7 @@ _DEVICE_SIGN_OF_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
 
 PARKED_NS = 100 * MS
 """Minimum time of G1_ZSW.14 = 1, because masters poll it."""
-PRESET_SETTLE_NS = SECOND
+PRESET_EFFECT_NS = SECOND
 """Longest time until a preset appears in a position that arrives in each cycle, after the answer or the end of its request. An
 answered preset that does not appear has failed."""
 _NEAR_STEPS = 4
@@ -192,7 +192,7 @@ class SensorInterface:
         self.set_total_range(total_range)
         self.preset_supported = preset_supported
         self.preset_value = 0
-        self.settle_ns = PRESET_SETTLE_NS
+        self.settle_ns = PRESET_EFFECT_NS
         """The same with the longest age of a position of this sensor."""
         self.preset_request: PresetRequest | None = None
         self.state = SensorState.NORMAL

@@ -139,7 +139,7 @@ BUDGET = {
     "dsp402.drive": 9128,
     "dsp406": 5815,
     "gateway": 9869,
-    "gateway.motion": 13947,
+    "gateway.motion": 13955,
     "gateway.axis": 14155,
     "gateway.axis.adapters": 6332,
     "gateway.axis.executors": 6456,

@@ -9,7 +9,7 @@ from functools import partial
 from typing import TypeVar
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.platform import Platform, SystemPlatform
@@ -23,7 +23,7 @@ def complete(loop: Loop, function: Callable[[], T]) -> T:
     future: Future[T] = Future()
 
     def run() -> None:
-        settle(future, function)
+        resolve(future, function)
         loop.stop()
 
     loop.spawn(run, "command")

@@ -107,7 +107,7 @@ class _Analysis:
 
     def busy_period(self) -> int | None:
         """The longest time without a gap on the bus, whatever the order of the frames; None: it does not end."""
-        return self._settle(
+        return self._fixed_point(
             0, [(self.duration[frame], period, 0) for frame, period in self._period.items()], _LONGEST_NS
         )
 
@@ -123,10 +123,10 @@ class _Analysis:
             elif frame.sender != sender:
                 first.append((duration, self._period[frame], waits[frame.sender] + self._bit_ns))
         last = min(self.duration[frame] for frame in queue)
-        found = self._settle(blocking - last, first, waits[sender])
+        found = self._fixed_point(blocking - last, first, waits[sender])
         return waits[sender] if found is None else found
 
-    def _settle(self, begin: int, frames: Sequence[tuple[int, int, int]], limit: int) -> int | None:
+    def _fixed_point(self, begin: int, frames: Sequence[tuple[int, int, int]], limit: int) -> int | None:
         """The time in which ``begin`` and all frames (duration, period, jitter) due in it are sent; None: above ``limit``."""
         window = 1  # an empty window has no frames
         while window <= limit:

@@ -54,7 +54,7 @@ class Turns:
 T = TypeVar("T")
 
 
-def settle(future: Future[T], function: Callable[[], T], errors: type[BaseException] = Exception) -> None:
+def resolve(future: Future[T], function: Callable[[], T], errors: type[BaseException] = Exception) -> None:
     """The future has the result or the error of the function, for its caller."""
     try:
         result = function()
@@ -76,7 +76,7 @@ class Jobs:
     def add(self, job: Callable[[], T]) -> Future[T]:
         """Another one; its future has what the job returns or raises."""
         future: Future[T] = Future()
-        self._waiting.append((future, partial(settle, future, job)))
+        self._waiting.append((future, partial(resolve, future, job)))
         return future
 
     def run_next(self) -> None:

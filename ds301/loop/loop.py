@@ -81,7 +81,7 @@ class Task:
         """Continue the task in a later slice; only one that waits, and only once."""
         if self._parked:
             self._parked = False
-            self._loop.add_slice(self._go_on)
+            self._loop.add_slice(self._resume)
 
     def park(self) -> None:
         """Wait, inside the task, until it is resumed."""
@@ -90,7 +90,7 @@ class Task:
         if self._kill:
             raise TaskKilled(self.name)
 
-    def _go_on(self) -> None:
+    def _resume(self) -> None:
         loop = self._loop
         loop.hub = greenlet.getcurrent()
         self._greenlet.parent = loop.hub

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import SECOND
 
@@ -36,7 +36,7 @@ class VirtualLoop(Loop):
 
     def offload(self, function: Callable[[], T]) -> Future[T]:
         future: Future[T] = Future()
-        self.call_at(self._now, lambda: settle(future, function, BaseException))
+        self.call_at(self._now, lambda: resolve(future, function, BaseException))
         return future
 
     def add_reader(self, descriptor: int, action: Callable[[], None], *, urgent: bool = False) -> None:
@@ -91,7 +91,7 @@ class VirtualLoop(Loop):
     def complete(self, function: Callable[[], T], limit: int = 60 * SECOND) -> T:
         """Run a function as a task until it has ended; return its result or raise its exception."""
         future: Future[T] = Future()
-        self.spawn(lambda: settle(future, function), "complete")
+        self.spawn(lambda: resolve(future, function), "complete")
         self.until(future.done, "end of the task", limit)
         return future.result(0)
 

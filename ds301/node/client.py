@@ -612,7 +612,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
         self.network.watch(self._monitor)
         try:
-            self._care()
+            self._work()
         finally:
             self.network.unwatch(self._monitor)
 
@@ -632,7 +632,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _send_question(self, now: int) -> None:
         """Begin to read an object without the task, which has no access now."""
 
-    def _care(self) -> None:
+    def _work(self) -> None:
         failure = ""
         while True:
             self._idle = True

@@ -127,7 +127,7 @@ class SdoAccess:
         self._open_until = self.loop.now() + self._timeout
 
     def _read(self, index: int, subindex: int) -> bytes:
-        self._settle()
+        self._finish()
         declared = self.dictionary.get_variable(index, subindex)
         if declared is not None and declared.data_type == CanType.DOMAIN.code:
             try:
@@ -157,7 +157,7 @@ class SdoAccess:
         The late answer to an aborted write of another object does not confirm this one. If both are for the same object, with
         other data, the object is read back.
         """
-        self._settle()
+        self._finish()
         download = Download(index, subindex, data, self._timeout)
         if not 1 <= len(data) <= EXPEDITED_SIZE:
             self._run(download)
@@ -199,7 +199,7 @@ class SdoAccess:
         """
         self._run(Download(index, subindex, data, self._timeout), self._repeats, first=True)
 
-    def _settle(self) -> None:
+    def _finish(self) -> None:
         """Begin an access. A second answer to a repeated request, or that to a question, must not count as its answer.
 
         No access continues if two devices answer: their answers would be mixed.

@@ -119,7 +119,7 @@ def find_scaling(
     unknown: dict[Quantity, str] = {}
     missing: dict[Quantity, tuple[str, ...]] = {}
 
-    def settle(quantity: Quantity, found: Reference | _Lacking) -> None:
+    def decide(quantity: Quantity, found: Reference | _Lacking) -> None:
         if isinstance(found, Reference):
             known[quantity] = found
         else:
@@ -129,16 +129,16 @@ def find_scaling(
     unit_of_velocity = velocity(mechanics, vl=vl)
     rated = _rated_speed(mechanics, unit_of_velocity, vl=vl)
     speed = _speed(rated, unit_of_velocity, objects.VL_TARGET_VELOCITY if vl else objects.TARGET_VELOCITY)
-    settle(Quantity.SPEED, speed)
-    settle(Quantity.PROFILE_VELOCITY, _profile_velocity(mechanics, speed))
+    decide(Quantity.SPEED, speed)
+    decide(Quantity.PROFILE_VELOCITY, _profile_velocity(mechanics, speed))
     acceleration = _rate(mechanics, (objects.MAX_ACCELERATION,), objects.PROFILE_ACCELERATION)
-    settle(Quantity.ACCELERATION, acceleration)
-    settle(
+    decide(Quantity.ACCELERATION, acceleration)
+    decide(
         Quantity.DECELERATION,
         _rate(mechanics, (objects.MAX_DECELERATION, objects.MAX_ACCELERATION), objects.PROFILE_DECELERATION),
     )
     limits, wraps, position = _position(mechanics, range_is_limit)
-    settle(Quantity.POSITION, position)
+    decide(Quantity.POSITION, position)
     counts, unit, per_rpm_s = mechanics.counts, mechanics.position_unit, _acceleration(mechanics)
     return Scaling(
         MappingProxyType(known),

@@ -33,7 +33,7 @@ _RPM = Fraction(1)
 
 def velocity(mechanics: Mechanics, *, vl: bool = False) -> Found:
     """Velocity units of one rpm of the motor; ``vl``: of 6042h."""
-    return _Sources(mechanics, vl).settle()
+    return _Sources(mechanics, vl).decided()
 
 
 class _Sources:
@@ -45,7 +45,7 @@ class _Sources:
         self.limit = mechanics.limit(VL_MIN_MAX, 2) if vl else mechanics.limit(MAX_PROFILE_VELOCITY)
         self.limit_name = "6046h/2" if vl else "607Fh"
 
-    def settle(self) -> Found:
+    def decided(self) -> Found:
         mechanics = self.mechanics
         family = mechanics.family
         stated = self._configuration()

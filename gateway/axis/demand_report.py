@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.gateway.motion.requests import Asked, Outcome
+from pdgw.gateway.motion.requests import PositionerRequest, PositionerResult
 from pdgw.profidrive.encoder import SENSOR_STATUS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 
@@ -94,7 +94,7 @@ class Demand:
         """Gain of XERR in 0.001/s; 0: no position control by the drive."""
         self.torque_reduction = 0
         """Reduction of the torque limit, as a fraction (N2); 0 or below: nothing."""
-        self.motion: Asked | None = None
+        self.motion: PositionerRequest | None = None
         """Request to a positioner: always the same object, None in telegrams without one."""
         self.raw: Sequence[int] | None = None
         """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
@@ -141,7 +141,7 @@ class Report:
         """Speed of a positioner in LU/min."""
         self.homing_method = 0
         self.tasks_active = False
-        self.motion: Outcome | None = None
+        self.motion: PositionerResult | None = None
         """State of a positioner; always the same object, None for an axis without one."""
         self.message = 0
         """MELDW."""

@@ -50,16 +50,16 @@ class BlockChain:
     def run(self, number: int, now: int) -> None:
         """Run blocks from a number on, up to the first that moves, waits or ends. The table has no ring without any."""
         block = self.blocks.get(number)
-        outcome = self._course.outcome
+        result = self._course.result
         while block is not None:
             self.block = block
             self.external = False
             self._wait_until = 0
-            self._course.stand()
+            self._course.drop_goal()
             if block.task is BlockTask.SET_OUTPUT:
-                outcome.outputs |= block.value
+                result.outputs |= block.value
             elif block.task is BlockTask.RESET_OUTPUT:
-                outcome.outputs &= ~block.value
+                result.outputs &= ~block.value
             elif block.task is BlockTask.WAIT:
                 self._wait_until = now + block.value * MS
                 return
@@ -73,7 +73,7 @@ class BlockChain:
     def _move(self, block: Block) -> None:
         refusal = self.refusal(block.number)
         if refusal is not None:
-            self._course.outcome.warning = refusal
+            self._course.result.warning = refusal
             return
         acceleration, deceleration = _fraction(block.acceleration), _fraction(block.deceleration)
         if block.mode.direction:
@@ -88,7 +88,7 @@ class BlockChain:
         block = self.block
         if block is None or (block.task.moves and self._course.goal is None):
             return None
-        if block.task is BlockTask.FIXED_STOP and not self._course.outcome.fixed_stop:
+        if block.task is BlockTask.FIXED_STOP and not self._course.result.fixed_stop:
             return None
         return block.follower
 
@@ -113,13 +113,13 @@ class BlockChain:
 
     def _pressed(self, block: Block) -> bool:
         """A fixed stop presses on until it is rejected or the next block may begin."""
-        outcome = self._course.outcome
-        if self._course.arrived() and not outcome.fixed_stop:
-            outcome.warning = Reason.FIXED_STOP_MISSED
+        result = self._course.result
+        if self._course.arrived() and not result.fixed_stop:
+            result.warning = Reason.FIXED_STOP_MISSED
             return True
         if block.next is BlockNext.EXTERNAL:
-            return outcome.fixed_stop and self.external
-        return outcome.fixed_stop and block.next is not BlockNext.END
+            return result.fixed_stop and self.external
+        return result.fixed_stop and block.next is not BlockNext.END
 
     def follow(self, now: int) -> None:
         """Continue with the next block."""
@@ -142,7 +142,7 @@ class BlockChain:
         if follower is None or follower.mode.direction or follower.task is not BlockTask.POSITION:
             return
         if not self._course.settings.waiting_setpoints:
-            self._course.outcome.warning = Reason.FLYING_NOT_SUPPORTED
+            self._course.result.warning = Reason.FLYING_NOT_SUPPORTED
             return
         self._course.queue(
             *(follower.position, follower.mode is BlockMode.ABSOLUTE, follower.velocity),

@@ -10,7 +10,13 @@ from collections.abc import Callable
 from typing import Protocol
 
 from pdgw.gateway.motion.positioner import ACTIVATE, HELD, HOME, Positioner
-from pdgw.gateway.motion.requests import Asked, HomingResult, MotionKind, Outcome, PositionerSettings
+from pdgw.gateway.motion.requests import (
+    HomingResult,
+    MotionKind,
+    PositionerRequest,
+    PositionerResult,
+    PositionerSettings,
+)
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
 from pdgw.gateway.motion.travel import Goal
 from pdgw.gateway.reasons import Reason
@@ -32,7 +38,7 @@ class MdiDrive(Protocol):
     def require_homing(self, *, edge: bool) -> bool:
         """Whether the requested homing with this ``edge`` may start."""
 
-    def converted(self, asked: Asked) -> Goal:
+    def converted(self, request: PositionerRequest) -> Goal:
         """The requested task."""
 
 
@@ -65,52 +71,54 @@ class MdiPositioner(Positioner):
         """The drive was not given the goal."""
         return self._course.waits
 
-    def step(self, asked: Asked, now: int) -> Outcome:
-        self.asked, self._now = asked, now
-        outcome, course = self.outcome, self._course
+    def step(self, request: PositionerRequest, now: int) -> PositionerResult:
+        self.request, self._now = request, now
+        result, course = self.result, self._course
         self.before = self._state
         course.look(False)
-        if asked.controls != self._controls or self._edges:
-            self._controls = asked.controls
+        if request.controls != self._controls or self._edges:
+            self._controls = request.controls
             self._find_edges()
-        if self._state is _BRAKING and asked.operating:
-            self._take_while_braking(asked)
-        calm = asked.operating and asked.do_not_reject and not self._edges
-        self._go_on(calm)
+        if self._state is _BRAKING and request.operating:
+            self._take_while_braking(request)
+        calm = request.operating and request.do_not_reject and not self._edges
+        self._take_transition(calm)
         if self._state is not _HOMING:
-            course.follow(asked, now)
-        if not asked.do_not_reject:
+            course.follow(request, now)
+        if not request.do_not_reject:
             self._clear()
-        outcome.reason = self._reason(asked)
+        result.reason = self._reason(request)
         if self._state is not _BRAKING:
             self._braking_reason = None
-        return outcome
+        return result
 
-    def _reason(self, asked: Asked) -> Reason | None:
+    def _reason(self, request: PositionerRequest) -> Reason | None:
         """Why the axis does not follow."""
         state, before = self._state, self.before
         if state is _BRAKING or before is _BRAKING:
             return self._braking_reason
         idle = before is _IDLE or (before is _HOMING and self.seen.homing is not HomingResult.RUNNING)
-        warning = self.outcome.warning
+        warning = self.result.warning
         if state is _IDLE and idle and (warning is None or warning in HELD):
-            if warning is not None and not asked.do_not_reject:
+            if warning is not None and not request.do_not_reject:
                 return Reason.REJECTED
-            if not asked.mdi:
+            if not request.mdi:
                 return Reason.MDI_OFF
-            if warning is Reason.LOST_EDGE and not asked.no_intermediate_stop:
+            if warning is Reason.LOST_EDGE and not request.no_intermediate_stop:
                 return Reason.INTERMEDIATE_STOP
         return self._course.held
 
     def _events(self) -> dict[Event, Callable[[], bool]]:
         return {
             **super()._events(),
-            Event.DESELECTED: lambda: not self.asked.mdi,
+            Event.DESELECTED: lambda: not self.request.mdi,
             Event.HOMING: self._take_homing,
-            Event.HOMING_LOST: lambda: self._edges & HOME != 0 and not (self.asked.do_not_reject and self.asked.mdi),
-            Event.HOMING_OVER: lambda: not self.asked.homing and not self._homes(),
+            Event.HOMING_LOST: lambda: (
+                self._edges & HOME != 0 and not (self.request.do_not_reject and self.request.mdi)
+            ),
+            Event.HOMING_OVER: lambda: not self.request.homing and not self._homes(),
             Event.MDI: self._take_edge,
-            Event.REACHED: lambda: self.asked.no_intermediate_stop and self._course.arrived(),
+            Event.REACHED: lambda: self.request.no_intermediate_stop and self._course.arrived(),
             Event.STANDING: lambda: self.seen.stopped,
             Event.STANDING_HOMING: lambda: self.seen.stopped and self.homing is not None,
             Event.STANDING_TASK: lambda: self.seen.stopped and self._waiting is not None,
@@ -124,12 +132,12 @@ class MdiPositioner(Positioner):
 
     def _take_homing(self) -> bool:
         """The edge of a homing that the drive has."""
-        asked, edge = self.asked, self._edges & HOME != 0
-        if edge and not asked.do_not_reject:
+        request, edge = self.request, self._edges & HOME != 0
+        if edge and not request.do_not_reject:
             self._warn(Reason.LOST_HOMING)
-        if not self._drive.require_homing(edge=edge and asked.do_not_reject):
+        if not self._drive.require_homing(edge=edge and request.do_not_reject):
             return False
-        self.homing = (asked.homing_method, asked.velocity)
+        self.homing = (request.homing_method, request.velocity)
         return True
 
     def _homes(self) -> bool:
@@ -142,34 +150,34 @@ class MdiPositioner(Positioner):
 
     def _take_task_after_homing(self) -> bool:
         """During a homing an edge starts nothing, but in the frame that ends one that is done or that the drive has not begun."""
-        if self.asked.homing or self._homes():
+        if self.request.homing or self._homes():
             return False
         self._warn(None)
         return self._take_edge()
 
     def _take_task(self) -> None:
         """An edge with everything else given is a task with the data of its frame, in place of one that waits."""
-        asked = self.asked
+        request = self.request
         if not self._edges & ACTIVATE:
             return
         refusal: Reason | None = None
-        if not (asked.mdi and asked.do_not_reject and (asked.no_intermediate_stop or self._state is _MDI)):
+        if not (request.mdi and request.do_not_reject and (request.no_intermediate_stop or self._state is _MDI)):
             refusal = Reason.LOST_EDGE
-        elif not (goal := self._drive.converted(asked)).velocity:
+        elif not (goal := self._drive.converted(request)).velocity:
             refusal = Reason.TASK_SPEED_ZERO
-        elif asked.acceleration <= 0 or asked.deceleration <= 0:
+        elif request.acceleration <= 0 or request.deceleration <= 0:
             refusal = Reason.TASK_RAMP_ZERO
         else:
             self._waiting = goal
         self._warn(refusal)
 
-    def _take_while_braking(self, asked: Asked) -> None:
+    def _take_while_braking(self, request: PositionerRequest) -> None:
         if self._take_homing():
             self._waiting = None
-        elif not (asked.homing and asked.do_not_reject):
+        elif not (request.homing and request.do_not_reject):
             self.homing = None
         self._take_task()
-        if not (asked.do_not_reject and asked.mdi):
+        if not (request.do_not_reject and request.mdi):
             self._waiting = None
 
     # -- functions ------------------------------------------------------------------------------------------------------
@@ -189,11 +197,11 @@ class MdiPositioner(Positioner):
 
     def _brake(self) -> None:
         self._finish()
-        asked, homes = self.asked, self._state is _HOMING
+        request, homes = self.request, self._state is _HOMING
         if homes:
-            self._take_while_braking(asked)
+            self._take_while_braking(request)
         stopped = Reason.HOMING_STOPPED if homes else Reason.MDI_OFF
-        self._braking_reason = stopped if asked.do_not_reject else Reason.REJECTED
+        self._braking_reason = stopped if request.do_not_reject else Reason.REJECTED
 
     def _brake_to_home(self) -> None:
         self._braking_reason = None
@@ -208,6 +216,6 @@ class MdiPositioner(Positioner):
     def _start_homing(self) -> None:
         self._forget()
         self._warn(None)
-        motion = self.outcome.motion
+        motion = self.result.motion
         motion.kind = MotionKind.HOMING
         motion.serial += 1

@@ -1,7 +1,7 @@
 """Basic positioner of telegrams 7, 110 and 111: computes the motion from the request and the state of the axis.
 
 Source: basic positioners of public drive manuals (docs/motion.md). Sans-I/O: one ``step`` per cycle, values and monotonic
-nanoseconds in, one reused ``Outcome`` out. ``states.TRANSITIONS`` has the states. Not here: cams, homing direction, and
+nanoseconds in, one reused ``PositionerResult`` out. ``states.TRANSITIONS`` has the states. Not here: cams, homing direction, and
 handshakes and mode changes of the drive (executors).
 """
 
@@ -17,12 +17,12 @@ from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.requests import (
     FULL,
     NOTHING,
-    Asked,
     HomingResult,
     MotionKind,
-    Outcome,
+    PositionerFeedback,
+    PositionerRequest,
+    PositionerResult,
     PositionerSettings,
-    Seen,
 )
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.travel import Course
@@ -71,15 +71,15 @@ class _Task:
     direction: Direction
     """Direction of an absolute task of a modulo axis; both bits together are rejected."""
 
-    def is_of(self, asked: Asked) -> bool:
+    def is_of(self, request: PositionerRequest) -> bool:
         """Whether the request is unchanged."""
         return (
-            asked.target == self.target
-            and asked.velocity == self.velocity
-            and asked.acceleration == self.acceleration
-            and asked.deceleration == self.deceleration
-            and asked.positive is self.positive
-            and asked.negative is self.negative
+            request.target == self.target
+            and request.velocity == self.velocity
+            and request.acceleration == self.acceleration
+            and request.deceleration == self.deceleration
+            and request.positive is self.positive
+            and request.negative is self.negative
         )
 
 
@@ -93,13 +93,13 @@ class Positioner:
         transitions: Mapping[State, tuple[Transition, ...]] = TRANSITIONS,
     ) -> None:
         self.settings = settings
-        self.outcome = Outcome()
-        self._state = self.outcome.state = next(iter(transitions))
-        self.seen = Seen()
+        self.result = PositionerResult()
+        self._state = self.result.state = next(iter(transitions))
+        self.seen = PositionerFeedback()
         """State of the axis, read before each step."""
-        self._course = Course(settings, self.outcome, self.seen, settings.position_window)
+        self._course = Course(settings, self.result, self.seen, settings.position_window)
         self._chain = BlockChain(blocks or BlockTable(), self._course)
-        self.asked = NOTHING
+        self.request = NOTHING
         """The commands of this step,"""
         self._now = 0
         """and its time, monotonic ns."""
@@ -139,9 +139,9 @@ class Positioner:
     def _events(self) -> dict[Event, Callable[[], bool]]:
         """The checks of the events."""
         return {
-            Event.NOT_OPERATING: lambda: not self.asked.operating,
-            Event.OPERATING: lambda: self.asked.operating,
-            Event.REJECTED: lambda: not self.asked.do_not_reject,
+            Event.NOT_OPERATING: lambda: not self.request.operating,
+            Event.OPERATING: lambda: self.request.operating,
+            Event.REJECTED: lambda: not self.request.do_not_reject,
             Event.TASK_REFUSED: lambda: self._pending is not None and self._pending.refusal is not None,
             Event.MDI: lambda: self._pending is not None and self._pending.event is Event.MDI,
             Event.SETTING_UP: lambda: self._pending is not None and self._pending.event is Event.SETTING_UP,
@@ -150,15 +150,15 @@ class Positioner:
             Event.REACHED: self._finished,
             Event.BLOCK_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is not None,
             Event.CHAIN_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is None,
-            Event.JOG: lambda: not self.asked.jog_incremental and self._jog_asked(),
-            Event.JOG_INCREMENTAL: lambda: self.asked.jog_incremental and self._jog_asked(),
+            Event.JOG: lambda: not self.request.jog_incremental and self._jog_asked(),
+            Event.JOG_INCREMENTAL: lambda: self.request.jog_incremental and self._jog_asked(),
             Event.JOG_RELEASED: lambda: self._jog_bit() != self._jog,
             Event.HOMING: lambda: self._homing_waits,
-            Event.HOMING_WITHDRAWN: lambda: not self.asked.homing,
+            Event.HOMING_WITHDRAWN: lambda: not self.request.homing,
             Event.HOMING_ATTAINED: lambda: self._homing_is(HomingResult.ATTAINED),
             Event.HOMING_FAILED: lambda: self._homing_is(HomingResult.FAILED),
-            Event.TRACKING: lambda: self.asked.tracking,
-            Event.TRACKING_OFF: lambda: not self.asked.tracking,
+            Event.TRACKING: lambda: self.request.tracking,
+            Event.TRACKING_OFF: lambda: not self.request.tracking,
             Event.STANDING: lambda: self.seen.standstill,
         }
 
@@ -204,71 +204,71 @@ class Positioner:
 
     def forget_home(self) -> None:
         """The drive has new coordinates: its home position is unknown."""
-        self.outcome.home_set = False
+        self.result.home_set = False
         self._course.offset = 0
 
-    def step(self, asked: Asked, now: int) -> Outcome:
+    def step(self, request: PositionerRequest, now: int) -> PositionerResult:
         """Run one cycle. ``now``: monotonic nanoseconds."""
-        self.asked, self._now = asked, now
-        outcome, course = self.outcome, self._course
+        self.request, self._now = request, now
+        result, course = self.result, self._course
         if self._owed:
             self._show_acknowledge()
-        course.look(asked.software_limits and outcome.home_set)
-        if asked.controls != self._controls or asked.operating is (self._state is _OFF):
-            self._look(asked)
-        if (asked.homing or self._probe_requested) and self._state is not _OFF:
+        course.look(request.software_limits and result.home_set)
+        if request.controls != self._controls or request.operating is (self._state is _OFF):
+            self._read_request(request)
+        if (request.homing or self._probe_requested) and self._state is not _OFF:
             self._home_on_the_fly()
-        calm = asked.operating and asked.do_not_reject and self._pending is None
-        self._go_on(calm)
+        calm = request.operating and request.do_not_reject and self._pending is None
+        self._take_transition(calm)
         if self._chain.block is not None:
             self._chain.look_ahead()
         if self._state is not _HOMING:
-            course.follow(asked, now)
+            course.follow(request, now)
         self._show()
-        return outcome
+        return result
 
-    def _go_on(self, calm: bool) -> None:
+    def _take_transition(self, calm: bool) -> None:
         """Take the first transition whose event is there."""
         for happened, act, row in self._table[self._state][calm]:
             if happened():
                 act()
                 if row.lost:
-                    bits = self._levels & ~(HOME * self.asked.passive_homing)
-                    self._warn(next((warning for warning in row.lost if bits & HELD[warning]), self.outcome.warning))
-                self._state = self.outcome.state = row.target
+                    bits = self._levels & ~(HOME * self.request.passive_homing)
+                    self._warn(next((warning for warning in row.lost if bits & HELD[warning]), self.result.warning))
+                self._state = self.result.state = row.target
                 break
 
     # -- inputs ---------------------------------------------------------------------------------------------------------
 
-    def _look(self, asked: Asked) -> None:
+    def _read_request(self, request: PositionerRequest) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
-        self._controls = asked.controls
+        self._controls = request.controls
         self._find_edges()
-        if not asked.operating:
+        if not request.operating:
             self._levels = 0
-        if asked.jog_1 or asked.jog_2:
-            allowed = asked.operating and asked.do_not_reject and not (asked.jog_1 and asked.jog_2)
+        if request.jog_1 or request.jog_2:
+            allowed = request.operating and request.do_not_reject and not (request.jog_1 and request.jog_2)
             first, second = self._armed
-            self._armed = (not asked.jog_1 or (first and allowed), not asked.jog_2 or (second and allowed))
+            self._armed = (not request.jog_1 or (first and allowed), not request.jog_2 or (second and allowed))
         else:
             self._armed = _BOTH
-        if not asked.do_not_reject:
+        if not request.do_not_reject:
             self._pending = None
-        if not (asked.do_not_reject and asked.homing):
+        if not (request.do_not_reject and request.homing):
             self._homing_waits = False
         if self._state is _OFF:
             return
         if self._edges & ACTIVATE:
-            if not asked.do_not_reject:
+            if not request.do_not_reject:
                 self._warn(Reason.LOST_EDGE)
             elif self._state not in TASK_STATES:
                 self._warn(Reason.FUNCTION_RUNS)
-            elif asked.no_intermediate_stop or self._state in _KEPT:
+            elif request.no_intermediate_stop or self._state in _KEPT:
                 self._pending = self._captured()
             else:
                 self._warn(Reason.LOST_EDGE)
-        if self._edges & HOME and not asked.passive_homing:
-            if not asked.do_not_reject:
+        if self._edges & HOME and not request.passive_homing:
+            if not request.do_not_reject:
                 self._warn(Reason.LOST_HOMING)
             elif self._state is _IDLE or self._state is State.BRAKING:
                 self._homing_waits = True
@@ -281,80 +281,80 @@ class Positioner:
 
     def _find_edges(self) -> None:
         """Rising edges of this step; bits that were 1 before operation are not edges."""
-        asked = self.asked
-        levels = ACTIVATE * asked.activate | EXTERNAL * asked.external_block_change
-        levels |= REFERENCE * asked.set_reference_point | HOME * asked.homing
+        request = self.request
+        levels = ACTIVATE * request.activate | EXTERNAL * request.external_block_change
+        levels |= REFERENCE * request.set_reference_point | HOME * request.homing
         self._edges = levels & ~self._levels
         self._levels = levels
-        warning = self.outcome.warning
+        warning = self.result.warning
         if warning in HELD and warning is not Reason.LOST_EDGE and not levels & HELD[warning]:
             self._warn(None)
 
     def _captured(self) -> _Task:
         """The present request, and why it is impossible."""
-        asked = self.asked
-        target, absolute, velocity = asked.target, asked.absolute, asked.velocity
-        positive, negative = asked.positive, asked.negative
+        request = self.request
+        target, absolute, velocity = request.target, request.absolute, request.velocity
+        positive, negative = request.positive, request.negative
         direction = _SHORTEST if positive is negative else _POSITIVE if positive else _NEGATIVE
         refusal: Reason | None = None
-        if not asked.mdi:
+        if not request.mdi:
             event = _BLOCK_TASK
-            refusal = self._chain.refusal(asked.block)
+            refusal = self._chain.refusal(request.block)
         else:
-            event = _SETTING_UP_TASK if asked.setting_up else _MDI_TASK
+            event = _SETTING_UP_TASK if request.setting_up else _MDI_TASK
             if not velocity:
                 refusal = Reason.TASK_SPEED_ZERO
-            elif asked.acceleration <= 0 or asked.deceleration <= 0:
+            elif request.acceleration <= 0 or request.deceleration <= 0:
                 refusal = Reason.TASK_RAMP_ZERO
-            elif asked.setting_up:
+            elif request.setting_up:
                 refusal = Reason.TASK_DIRECTION if positive is negative else None
             elif positive and negative and self.settings.modulo and absolute:
                 refusal = Reason.TASK_DIRECTION
             elif not self._course.in_range(target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
-        acceleration, deceleration = asked.acceleration, asked.deceleration
-        block = asked.block
+        acceleration, deceleration = request.acceleration, request.deceleration
+        block = request.block
         return _Task(
             event, refusal, block, absolute, target, velocity, acceleration, deceleration, positive, negative, direction
         )
 
     def _changed(self) -> bool:
         """Continuous update: values other than those in force, while STW1.6 = 1."""
-        asked, task = self.asked, self._task
-        if not (asked.continuous_update and asked.activate and asked.mdi and task is not None):
+        request, task = self.request, self._task
+        if not (request.continuous_update and request.activate and request.mdi and task is not None):
             return False
-        if task.is_of(asked) or asked.setting_up is not (self._state is _SETTING_UP):
+        if task.is_of(request) or request.setting_up is not (self._state is _SETTING_UP):
             return False
-        if not (asked.absolute and task.absolute) and self._state is _MDI:
+        if not (request.absolute and task.absolute) and self._state is _MDI:
             self._warn(Reason.UPDATE_RELATIVE)
             return False
         return True
 
     def _jog_bit(self) -> int:
         """1 or 2 if only this jog bit is 1, 0 for none or both."""
-        asked = self.asked
-        return 0 if asked.jog_1 is asked.jog_2 else 1 if asked.jog_1 else 2
+        request = self.request
+        return 0 if request.jog_1 is request.jog_2 else 1 if request.jog_1 else 2
 
     def _jog_asked(self) -> bool:
         bit = self._jog_bit()
         return bit > 0 and self._armed[bit - 1]
 
     def _homing_is(self, result: HomingResult) -> bool:
-        return self.seen.taken >= self.outcome.motion.serial and self.seen.homing is result
+        return self.seen.taken >= self.result.motion.serial and self.seen.homing is result
 
     def _finished(self) -> bool:
-        if self._state is _MDI and self.asked.continuous_update and self.asked.activate:
+        if self._state is _MDI and self.request.continuous_update and self.request.activate:
             return False
         return self._course.arrived() or (self._course.goal is None and self.seen.standstill)
 
     # -- functions ------------------------------------------------------------------------------------------------------
 
     def _warn(self, reason: Reason | None) -> None:
-        self.outcome.warning = reason
+        self.result.warning = reason
 
     def _clear(self) -> None:
         """Operation begins, or a reject without a function. An edge that started nothing stays named until operation."""
-        if self._state is _OFF or self.outcome.warning not in HELD:
+        if self._state is _OFF or self.result.warning not in HELD:
             self._warn(None)
 
     def _forget(self) -> None:
@@ -368,20 +368,20 @@ class Positioner:
         """A function other than a task begins."""
         self._forget()
         self._warn(None)
-        self.outcome.shown = _IDLE
+        self.result.shown = _IDLE
 
     def _drop(self) -> None:
         self._forget()
-        outcome = self.outcome
-        outcome.probe = outcome.acknowledged = self._owed = False
-        outcome.shown = _OFF
-        outcome.outputs = 0
+        result = self.result
+        result.probe = result.acknowledged = self._owed = False
+        result.shown = _OFF
+        result.outputs = 0
 
     def _brake(self) -> None:
         self._forget()
-        if not self.asked.do_not_reject:
+        if not self.request.do_not_reject:
             self._warn(None)
-        self.outcome.shown = _IDLE
+        self.result.shown = _IDLE
 
     def _refuse(self) -> None:
         pending, self._pending = self._pending, None
@@ -399,8 +399,8 @@ class Positioner:
         self._warn(Reason.FUNCTION_RUNS if homing_waits else None)
         self._task = task
         self._owed = True
-        self.outcome.acknowledged = False
-        self.outcome.shown = _FUNCTION[task.event]
+        self.result.acknowledged = False
+        self.result.shown = _FUNCTION[task.event]
         if task.event is _BLOCK_TASK:
             self._chain.run(task.block, self._now)
         else:
@@ -408,18 +408,18 @@ class Positioner:
 
     def _update(self) -> None:
         task = self._task = self._captured()
-        refusal = self.outcome.warning = task.refusal
+        refusal = self.result.warning = task.refusal
         if refusal is None:
             self._pursue(task)
         else:
-            self._course.stand()
+            self._course.drop_goal()
 
     def _pursue(self, task: _Task) -> None:
         velocity, acceleration, deceleration = task.velocity, task.acceleration, task.deceleration
         if task.event is _SETTING_UP_TASK:
             self._course.go(velocity if task.positive else -velocity, acceleration, deceleration)
         else:
-            torque = self.settings.clamping_torque if self.asked.to_fixed_stop else None
+            torque = self.settings.clamping_torque if self.request.to_fixed_stop else None
             self._course.go_to(task.target, task.absolute, velocity, acceleration, deceleration, torque, task.direction)
 
     def _start_jog(self) -> None:
@@ -427,7 +427,7 @@ class Positioner:
         self._jog = self._jog_bit()
         place = self._jog - 1
         velocity = self.settings.jog_velocities[place]
-        if self.asked.jog_incremental:
+        if self.request.jog_incremental:
             self._armed = (self._armed[0] and place != 0, self._armed[1] and place != 1)
             distance = self.settings.jog_distances[place]
             self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
@@ -441,7 +441,7 @@ class Positioner:
         self._begin()
         self.forget_home()
         self._homing_until = self._now + SHOWN_NS
-        motion = self.outcome.motion
+        motion = self.result.motion
         motion.kind = MotionKind.HOMING
         motion.torque = None
         motion.serial += 1
@@ -449,7 +449,7 @@ class Positioner:
     def _homed(self) -> None:
         """The drive's position now counts from the home position, which is the reference coordinate."""
         self._course.offset = self._reference_coordinate()
-        self.outcome.home_set = True
+        self.result.home_set = True
 
     def _set_reference_point(self) -> None:
         if (self._state is _IDLE or self._state is _TRACKING) and self.seen.standstill:
@@ -458,76 +458,76 @@ class Positioner:
             self._warn(Reason.REFERENCE_POINT_MOVING)
 
     def _reference_coordinate(self) -> int:
-        asked = self.asked.reference_coordinate
-        return self.settings.reference_coordinate if asked is None else asked
+        request = self.request.reference_coordinate
+        return self.settings.reference_coordinate if request is None else request
 
     def _refer(self, position: int) -> None:
         self._course.offset = self._reference_coordinate() - position
         self._course.limits_moved = True
-        self.outcome.home_set = True
+        self.result.home_set = True
         self._homing_until = self._now + SHOWN_NS
 
     def _home_on_the_fly(self) -> None:
         """STW1.11 with POS_STW2.8: the probe gives the offset while anything runs; a task keeps its target in the drive."""
-        asked, seen, outcome = self.asked, self.seen, self.outcome
-        wanted = asked.homing and asked.passive_homing
+        request, seen, result = self.request, self.seen, self.result
+        wanted = request.homing and request.passive_homing
         before, self._probe_requested = self._probe_requested, wanted
         if not wanted:
-            outcome.probe = False
+            result.probe = False
         elif not before:
-            outcome.probe = self.settings.probe
+            result.probe = self.settings.probe
             if not self.settings.probe:
                 self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
-        elif outcome.probe and seen.probe_refused:
-            outcome.probe = False
+        elif result.probe and seen.probe_refused:
+            result.probe = False
             self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
-        elif outcome.probe and seen.probe is not None:
-            outcome.probe = False
+        elif result.probe and seen.probe is not None:
+            result.probe = False
             self._refer(seen.probe)
 
     # -- outputs --------------------------------------------------------------------------------------------------------
 
     def _show(self) -> None:
-        outcome, asked, seen, course, state = self.outcome, self.asked, self.seen, self._course, self._state
+        result, request, seen, course, state = self.result, self.request, self.seen, self._course, self._state
         position = seen.position + course.offset
         modulo = self.settings.modulo
-        outcome.position = position % modulo if modulo else position
-        standing = outcome.standing = seen.standstill
+        result.position = position % modulo if modulo else position
+        standing = result.standing = seen.standstill
         if state is _MDI:
-            outcome.reached = course.arrived()
+            result.reached = course.arrived()
         elif state is _IDLE or state is _TRACKING:
-            if not asked.activate or outcome.shown is _OFF:
-                outcome.shown = _IDLE
-            outcome.reached = standing and self._pending is None and not self._homing_waits
+            if not request.activate or result.shown is _OFF:
+                result.shown = _IDLE
+            result.reached = standing and self._pending is None and not self._homing_waits
         else:
-            outcome.reached = False
+            result.reached = False
         block = self._chain.block
-        outcome.block = 0 if block is None else block.number
+        result.block = 0 if block is None else block.number
         if self._now >= self._homing_until:
             self._homing_until = 0
-        outcome.homing = state is _HOMING or self._homing_until > 0
-        if asked.hardware_limits:
-            outcome.negative_limit, outcome.positive_limit = seen.negative_limit, seen.positive_limit
+        result.homing = state is _HOMING or self._homing_until > 0
+        if request.hardware_limits:
+            result.negative_limit, result.positive_limit = seen.negative_limit, seen.positive_limit
         else:
-            outcome.negative_limit = outcome.positive_limit = False
+            result.negative_limit = result.positive_limit = False
         limits = course.limits
         if standing and limits is not None:
-            outcome.at_minus = position <= limits[0] + self.settings.position_window
-            outcome.at_plus = position >= limits[1] - self.settings.position_window
+            result.at_minus = position <= limits[0] + self.settings.position_window
+            result.at_plus = position >= limits[1] - self.settings.position_window
         else:
-            outcome.at_minus = outcome.at_plus = False
-        outcome.reason = course.held or (None if asked.do_not_reject else _REJECTED) or outcome.warning
-        jog = (asked.jog_1 or asked.jog_2) and not asked.jog_incremental
-        if jog and state is _IDLE and outcome.reason is None and not self._jog_asked():
-            outcome.reason = Reason.LOST_JOG
+            result.at_minus = result.at_plus = False
+        result.reason = course.held or (None if request.do_not_reject else _REJECTED) or result.warning
+        jog = (request.jog_1 or request.jog_2) and not request.jog_incremental
+        if jog and state is _IDLE and result.reason is None and not self._jog_asked():
+            result.reason = Reason.LOST_JOG
 
     def _show_acknowledge(self) -> None:
         """Show the acknowledgement of a task. The drive acknowledges position tasks, the gateway all others."""
-        outcome, task = self.outcome, self._task
-        if not self.asked.activate:
-            outcome.acknowledged = self._owed = False
-        elif task is not None and not outcome.acknowledged:
+        result, task = self.result, self._task
+        if not self.request.activate:
+            result.acknowledged = self._owed = False
+        elif task is not None and not result.acknowledged:
             block = self._chain.block
             still = task.event is _BLOCK_TASK and block is not None and not block.task.moves
             speed = self._course.speed is not None
-            outcome.acknowledged = still or speed or 0 < outcome.motion.first <= self.seen.taken
+            result.acknowledged = still or speed or 0 < result.motion.first <= self.seen.taken

@@ -127,9 +127,9 @@ class MessageWord:
 
 # Inputs and outputs of the positioner, as values.
 #
-# Positions are LU, speeds 1000 LU/min, accelerations and the override N2 fractions (4000h = 100 %). ``Asked`` has the user's
-# coordinates; ``Seen`` and ``Motion`` have those of the drive, which differ by the offset of the reference point. Each axis
-# has one object of each and changes it in place.
+# Positions are LU, speeds 1000 LU/min, accelerations and the override N2 fractions (4000h = 100 %). ``PositionerRequest`` has
+# the user's coordinates; ``PositionerFeedback`` and ``Motion`` have those of the drive, which differ by the offset of the
+# reference point. Each axis has one object of each and changes it in place.
 
 
 FULL = N2_100_PERCENT
@@ -137,7 +137,7 @@ FULL = N2_100_PERCENT
 
 
 @dataclass(slots=True, eq=False)
-class Asked:
+class PositionerRequest:
     """The commands of the PLC by their meaning."""
 
     operating: bool = False
@@ -186,7 +186,7 @@ class Asked:
             setattr(self, item.name, item.default)
 
 
-NOTHING: Final = Asked()
+NOTHING: Final = PositionerRequest()
 """No commands; never changed."""
 
 
@@ -199,7 +199,7 @@ class HomingResult(enum.Enum):
 
 
 @dataclass(slots=True, eq=False)
-class Seen:
+class PositionerFeedback:
     """State of the axis. A motion is *given* when its setpoint was sent to the drive, *taken* when the drive acknowledged it, and
     *executing* when the drive works on it (later, if setpoints wait in the drive). Each is the newest serial number; the first
     motion has 2.
@@ -268,7 +268,7 @@ class Motion:
 
 
 @dataclass(slots=True, eq=False)
-class Outcome:
+class PositionerResult:
     """One step's result, reused: the motion, and what telegrams show of it."""
 
     motion: Motion = field(default_factory=Motion)
@@ -348,6 +348,7 @@ class PositionerSettings:
     probe: bool = False
     """The drive may have a touch probe (60B8h)."""
     modulo: int = 0
-    """Positions of the user are 0 to this value - 1; 0: no wrap. ``Seen`` and ``Motion`` always count across the turns."""
+    """Positions of the user are 0 to this value - 1; 0: no wrap. ``PositionerFeedback`` and ``Motion`` count across
+    the turns."""
     distance_range: tuple[int, int] = DataType.INTEGER32.integer_range
     """Distances of one relative task that the drive accepts; at first all that a telegram can request."""

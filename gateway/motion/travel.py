@@ -11,7 +11,15 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from pdgw.durations import MS
-from pdgw.gateway.motion.requests import FULL, Asked, Motion, MotionKind, Outcome, PositionerSettings, Seen
+from pdgw.gateway.motion.requests import (
+    FULL,
+    Motion,
+    MotionKind,
+    PositionerFeedback,
+    PositionerRequest,
+    PositionerResult,
+    PositionerSettings,
+)
 from pdgw.gateway.motion.units import Direction, way
 from pdgw.gateway.reasons import Reason
 
@@ -52,8 +60,8 @@ class Course:
     """The goal of one axis; ``follow`` once per cycle brings ``outcome.motion`` in line with it."""
 
     settings: PositionerSettings
-    outcome: Outcome
-    seen: Seen
+    result: PositionerResult
+    seen: PositionerFeedback
     window: int | None
     """Largest distance from the target of a task that has ended; None: only the drive knows."""
     offset: int = 0
@@ -97,12 +105,12 @@ class Course:
         if inside == target:
             self.goal = replace(goal, target=target)
         else:
-            self.outcome.warning = Reason.SOFTWARE_LIMIT
+            self.result.warning = Reason.SOFTWARE_LIMIT
             self.aim(replace(goal, target=inside, distance=None))
 
     def drop(self) -> None:
         """No goal any more: ramp to standstill."""
-        self.outcome.motion.forget()
+        self.result.motion.forget()
         self.goal = self.speed = self.held = None
         self.sent = self.queued = 0
         self._at_limit = False
@@ -115,12 +123,12 @@ class Course:
         elif goal is not None and limits is not None:
             target = self._inside(goal.target + self.offset, limits) - self.offset
             if target != goal.target:
-                self.outcome.warning = Reason.SOFTWARE_LIMIT
+                self.result.warning = Reason.SOFTWARE_LIMIT
                 position = self.seen.position
                 if (target - position) * (goal.target - position) > 0:
                     self.aim(replace(goal, target=target, distance=None))
                 else:
-                    self.stand()
+                    self.drop_goal()
             elif self.queued:
                 self.aim(goal)  # and look again at the setpoint that waits in the drive
 
@@ -192,7 +200,7 @@ class Course:
             self.aim(replace(speed, kind=_POSITION, target=target, velocity=abs(speed.velocity)))
         else:
             self.goal = None
-            self.outcome.warning = Reason.SOFTWARE_LIMIT
+            self.result.warning = Reason.SOFTWARE_LIMIT
 
     def go_to(
         self,
@@ -215,7 +223,7 @@ class Course:
             inside = self._inside(end, self.limits)
             if inside != end:
                 end, distance = inside, None
-                self.outcome.warning = Reason.SOFTWARE_LIMIT
+                self.result.warning = Reason.SOFTWARE_LIMIT
         target = end - self.offset
         self.aim(Goal(_POSITION, target, distance, limited, acceleration, deceleration, torque=torque))
 
@@ -226,23 +234,23 @@ class Course:
 
     def aim(self, goal: Goal) -> None:
         """Another goal."""
-        outcome = self.outcome
+        result = self.result
         self.goal = goal
         self.sent = self.queued = 0
-        self._at_limit = outcome.fixed_stop = False
+        self._at_limit = result.fixed_stop = False
         self._limit_since = self._stop_since = -1
-        outcome.to_fixed_stop = goal.torque is not None
+        result.to_fixed_stop = goal.torque is not None
 
-    def stand(self) -> None:
+    def drop_goal(self) -> None:
         """Keep the function without a goal."""
         self.goal = self.speed = None
         self.queued = 0
 
     # -- setpoints -----------------------------------------------------------------------------------------------------
 
-    def follow(self, asked: Asked, now: int) -> None:
+    def follow(self, request: PositionerRequest, now: int) -> None:
         """Adapt the motion to the task: hold, resume, override, software limits."""
-        motion, goal = self.outcome.motion, self.goal
+        motion, goal = self.result.motion, self.goal
         if self.limits_moved:
             self.limits_moved = False
             self._aim_again()
@@ -251,17 +259,17 @@ class Course:
             motion.kind = _STAND
             motion.torque = None
             self.held = None
-            self.outcome.to_fixed_stop = self.outcome.fixed_stop = False
+            self.result.to_fixed_stop = self.result.fixed_stop = False
             return
         held = self.held
-        holds = self.held = self._hold(goal, asked, now)
+        holds = self.held = self._hold(goal, request, now)
         if goal.torque is not None:
             self._detect_fixed_stop(now)
         if holds:
             motion.kind = _STAND
             self.queued = 0
             return
-        override = asked.override if goal.scaled else FULL
+        override = request.override if goal.scaled else FULL
         if self.sent:
             if not held and motion.override == override:
                 return
@@ -269,14 +277,14 @@ class Course:
                 goal = self.goal = replace(goal, distance=None)  # only once
         self._send(motion, goal, override)
 
-    def _hold(self, goal: Goal, asked: Asked, now: int) -> Reason | None:
+    def _hold(self, goal: Goal, request: PositionerRequest, now: int) -> Reason | None:
         """Why a task is kept but not executed."""
         seen = self.seen
-        if not asked.no_intermediate_stop:
+        if not request.no_intermediate_stop:
             self._at_limit = False
             self._limit_since = -1
             return Reason.INTERMEDIATE_STOP
-        if goal.scaled and asked.override == 0:
+        if goal.scaled and request.override == 0:
             return Reason.OVERRIDE_ZERO
         stands = seen.internal_limit and seen.standstill and self.sent and seen.given >= self.sent
         # At a fixed stop the axis is meant to stay at the torque limit.
@@ -295,7 +303,7 @@ class Course:
         motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration
         motion.override, motion.immediate, motion.torque = override, True, goal.torque
         highest = self.settings.max_velocity * FULL
-        self.outcome.speed_limited = self._limited or abs(goal.velocity) * override > highest
+        self.result.speed_limited = self._limited or abs(goal.velocity) * override > highest
         if not motion.first:
             motion.first = serial
 
@@ -308,7 +316,7 @@ class Course:
         end = target + self.offset
         if (self.limits is not None and self._inside(end, self.limits) != end) or not self.in_range(end, True):
             return
-        motion = self.outcome.motion
+        motion = self.result.motion
         motion.serial += 1
         motion.target, motion.distance, motion.immediate = target, None, False
         motion.velocity = min(velocity, self.settings.max_velocity)
@@ -317,7 +325,7 @@ class Course:
 
     def use_queued(self) -> None:
         """The drive has gone over to the setpoint that waited: it is the goal now."""
-        motion = self.outcome.motion
+        motion = self.result.motion
         self.aim(
             Goal(
                 _POSITION,
@@ -333,4 +341,4 @@ class Course:
         elif self._stop_since < 0:
             self._stop_since = now
         elif now - self._stop_since >= FIXED_STOP_NS:
-            self.outcome.fixed_stop = True
+            self.result.fixed_stop = True

@@ -12,7 +12,7 @@ from typing import Generic, Self, TypeVar
 import can
 
 from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, open_port
-from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.loop import Loop, SystemLoop, Timer
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 
@@ -34,7 +34,7 @@ class LoopThread:
         if threading.current_thread() is self._thread:
             return action()
         future: Future[T] = Future()
-        self.loop.call_threadsafe(lambda: settle(future, action, BaseException))
+        self.loop.call_threadsafe(lambda: resolve(future, action, BaseException))
         return future.result()
 
     def _run(self) -> None:

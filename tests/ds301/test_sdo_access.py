@@ -11,7 +11,7 @@ from canopen.objectdictionary import ODVariable
 
 from pdgw.ds301.aborts import Abort, CanopenError
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError, Upload
@@ -49,7 +49,7 @@ class Site:
     def run(self, job: Callable[[Inquiry], T]) -> T:
         """Run a job in a task."""
         future: Future[T] = Future()
-        self.network.loop.spawn(lambda: settle(future, lambda: job(self.client)), "job")
+        self.network.loop.spawn(lambda: resolve(future, lambda: job(self.client)), "job")
         return site.result(future, 60)
 
     def read(self, index: int = INDEX) -> bytes:

@@ -71,7 +71,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: MdiPositioner) -> None:
         find(self)
-        self._edges |= ACTIVATE * self.asked.activate
+        self._edges |= ACTIVATE * self.request.activate
 
     patch.setattr(MdiPositioner, "_find_edges", wrong)
 
@@ -88,18 +88,18 @@ def brake_ends_with_the_drive(patch: Patch) -> None:
 
 
 def standing_homing_bit_starts(patch: Patch) -> None:
-    asked = MdiPositioner._take_homing
+    request = MdiPositioner._take_homing
 
     def wrong(self: MdiPositioner) -> bool:
-        self._edges |= HOME * self.asked.homing
-        return asked(self)
+        self._edges |= HOME * self.request.homing
+        return request(self)
 
     patch.setattr(MdiPositioner, "_take_homing", wrong)
 
 
 def standing_homing_bit_of_a_positioner_starts(patch: Patch) -> None:
     events = Positioner._events
-    patch.setattr(Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: self.asked.homing})
+    patch.setattr(Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: self.request.homing})
 
 
 def homing_goes_on_without_its_bit(patch: Patch) -> None:

@@ -43,7 +43,7 @@ def probe_counts_when_armed(patch: Patch) -> None:
 
     def wrong(self: Positioner) -> None:
         step(self)
-        self.outcome.home_set = self.outcome.home_set or self.outcome.probe
+        self.result.home_set = self.result.home_set or self.result.probe
 
     patch.setattr(Positioner, "_home_on_the_fly", wrong)
 
@@ -53,7 +53,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: Positioner) -> None:
         find(self)
-        self._edges |= ACTIVATE * self.asked.activate
+        self._edges |= ACTIVATE * self.request.activate
 
     patch.setattr(Positioner, "_find_edges", wrong)
 

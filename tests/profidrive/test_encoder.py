@@ -15,7 +15,7 @@ from pdgw.durations import MS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
     PARKED_NS,
-    PRESET_SETTLE_NS,
+    PRESET_EFFECT_NS,
     SENSOR_STATUS,
     TRANSITIONS,
     EncoderControl,
@@ -225,7 +225,7 @@ def test_a_preset_sets_the_position_and_leaves_xist1(
     status, xist1, xist2 = cycle(word)
     if not late:
         sensor.preset_done()
-    for _ in range(PRESET_SETTLE_NS // MS + 1):
+    for _ in range(PRESET_EFFECT_NS // MS + 1):
         if status & PRESET:
             break
         status, xist1, xist2 = cycle(word)
@@ -259,9 +259,9 @@ def test_confirmed_preset_without_effect_is_an_error() -> None:
     request = sensor.preset_request
     sensor.preset_done()
     assert sensor.step(PRESET, 10, 2 * MS) == (0, 10, 0)
-    assert sensor.step(PRESET, 10, PRESET_SETTLE_NS) == (0, 10, 0)
+    assert sensor.step(PRESET, 10, PRESET_EFFECT_NS) == (0, 10, 0)
     assert sensor.ineffective is None
-    assert sensor.step(PRESET, 10, PRESET_SETTLE_NS + 2 * MS) == (ERROR, 10, SensorError.MEMORY)
+    assert sensor.step(PRESET, 10, PRESET_EFFECT_NS + 2 * MS) == (ERROR, 10, SensorError.MEMORY)
     assert sensor.ineffective is request
 
 
@@ -312,7 +312,7 @@ def test_preset_without_effect_is_an_error_also_of_a_turning_shaft(preset: int, 
     sensor.step(PRESET, at(start), start * MS)
     sensor.preset_done()
     statuses = [
-        sensor.step(PRESET, at(now), now * MS)[0] for now in range(start + 1, start + PRESET_SETTLE_NS // MS + 10)
+        sensor.step(PRESET, at(now), now * MS)[0] for now in range(start + 1, start + PRESET_EFFECT_NS // MS + 10)
     ]
     assert set(statuses) == {0, ERROR}
 
@@ -324,7 +324,7 @@ def test_a_jump_long_after_a_preset_is_motion() -> None:
     sensor.step(PRESET, 10, 0)
     sensor.preset_done()
     assert sensor.step(0, 10, 0)[1] == 10
-    assert sensor.step(0, 400, PRESET_SETTLE_NS + 1)[1] == 400
+    assert sensor.step(0, 400, PRESET_EFFECT_NS + 1)[1] == 400
 
 
 @pytest.mark.parametrize(("word", "error"), [(PARK, None), (PRESET, SensorError.SENSOR_GROUP)])
@@ -337,7 +337,7 @@ def test_a_jump_long_after_an_unanswered_preset_is_motion(word: int, error: Sens
     assert sensor.preset_request is None
     sensor.step(word, 10, 2 * MS)
     sensor.step(0, 10, 2 * MS + PARKED_NS)
-    assert sensor.step(0, 400, 2 * MS + PRESET_SETTLE_NS + 1)[1] == 400
+    assert sensor.step(0, 400, 2 * MS + PRESET_EFFECT_NS + 1)[1] == 400
 
 
 def test_parking_freezes_xist1_and_skips_the_motion_meanwhile() -> None:

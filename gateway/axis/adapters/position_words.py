@@ -15,7 +15,7 @@ from pdgw.gateway.axis.adapters.adapter import Adapter, ControlWordAdapter
 from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.requests import Asked, MotionKind, Outcome, PositionerChoices
+from pdgw.gateway.motion.requests import MotionKind, PositionerChoices, PositionerRequest, PositionerResult
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType
@@ -112,7 +112,7 @@ class PositionerAdapter(ControlWordAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
         super().__init__(telegram, settings)
-        self.asked = Asked()
+        self.request = PositionerRequest()
         self._last: Sequence[int] | None = None
         self._controls: Callable[[Sequence[int]], tuple[int, ...]] = itemgetter(
             *(self.setpoint(name) for name in ("STW1", *controls))
@@ -122,7 +122,7 @@ class PositionerAdapter(ControlWordAdapter):
         word = None if setpoints is None else setpoints[self.stw1]
         if word != self.word:
             self.take(word, demand)
-        demand.motion = self.asked
+        demand.motion = self.request
         if setpoints is None or not demand.in_control:
             if self._last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
                 self._last = None
@@ -132,15 +132,15 @@ class PositionerAdapter(ControlWordAdapter):
             return
         self._last = setpoints
         controls = self._controls(setpoints)
-        if controls != self.asked.controls:
-            self.asked.controls = controls
+        if controls != self.request.controls:
+            self.request.controls = controls
             self._read_stw1(controls[0])
             self.read_controls(controls)
         self.read_values(setpoints)
 
     def forget(self) -> None:
         """Clear all commands."""
-        self.asked.forget()
+        self.request.forget()
 
     def read_controls(self, controls: Sequence[int]) -> None:
         """Other control words: STW1 and those that were named."""
@@ -150,14 +150,14 @@ class PositionerAdapter(ControlWordAdapter):
         """Values that are not bits of a control word."""
 
     def _read_stw1(self, word: int) -> None:
-        asked = self.asked
-        asked.do_not_reject = word & _DO_NOT_REJECT != 0
-        asked.no_intermediate_stop = word & _NO_INTERMEDIATE_STOP != 0
-        asked.activate = word & _ACTIVATE_TASK != 0
-        asked.jog_1 = word & _JOG_1 != 0
-        asked.jog_2 = word & _JOG_2 != 0
-        asked.homing = word & _START_HOMING != 0
-        asked.external_block_change = word & _EXTERNAL != 0
+        request = self.request
+        request.do_not_reject = word & _DO_NOT_REJECT != 0
+        request.no_intermediate_stop = word & _NO_INTERMEDIATE_STOP != 0
+        request.activate = word & _ACTIVATE_TASK != 0
+        request.jog_1 = word & _JOG_1 != 0
+        request.jog_2 = word & _JOG_2 != 0
+        request.homing = word & _START_HOMING != 0
+        request.external_block_change = word & _EXTERNAL != 0
 
 
 class BlockAdapter(PositionerAdapter):
@@ -169,19 +169,19 @@ class BlockAdapter(PositionerAdapter):
         self._has_mdi = "MDI_TARPOS" in telegram.setpoints.names
 
     def read_controls(self, controls: Sequence[int]) -> None:
-        asked, selection = self.asked, controls[1]
-        asked.block = _BLOCK.of(selection)
+        request, selection = self.request, controls[1]
+        request.block = _BLOCK.of(selection)
         # Telegram 7 has no MDI: its bit selects a task that cannot be executed (speed 0).
-        asked.mdi = selection & _BLOCK_MDI != 0
+        request.mdi = selection & _BLOCK_MDI != 0
         # Limits have no bit in telegrams 7 and 110: they are supervised as soon as they are known.
-        asked.software_limits = asked.hardware_limits = True
+        request.software_limits = request.hardware_limits = True
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags) & _OWN
-        outcome = report.motion
-        if outcome is not None:
-            active = _ACTIVE_MDI if _mode(outcome, self.asked) in _MDI_STATES and self._has_mdi else 0
-            actuals[self._aktsatz] = outcome.block & _ACTIVE_BLOCK | active
+        result = report.motion
+        if result is not None:
+            active = _ACTIVE_MDI if _mode(result, self.request) in _MDI_STATES and self._has_mdi else 0
+            actuals[self._aktsatz] = result.block & _ACTIVE_BLOCK | active
 
 
 class _FloatValues:
@@ -201,24 +201,24 @@ class _FloatValues:
         self._minutes = 60 if choices.units_per_second else 1
         """Factor to velocities per minute."""
 
-    def read(self, setpoints: Sequence[int], asked: Asked) -> None:
-        asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
-        asked.override = max(0, setpoints[self._override])
+    def read(self, setpoints: Sequence[int], request: PositionerRequest) -> None:
+        request.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
+        request.override = max(0, setpoints[self._override])
         first = self._first
         target, velocity, acceleration, deceleration = (float_of(pattern) for pattern in setpoints[first : first + 4])
-        asked.target = _whole(target, self._lu)
-        asked.velocity = max(0, _whole(velocity, self._lu * self._minutes, LU_PER_VELOCITY_UNIT))
-        asked.acceleration, asked.deceleration = _share(acceleration), _share(deceleration)
+        request.target = _whole(target, self._lu)
+        request.velocity = max(0, _whole(velocity, self._lu * self._minutes, LU_PER_VELOCITY_UNIT))
+        request.acceleration, request.deceleration = _share(acceleration), _share(deceleration)
         if not all(map(isfinite, (target, velocity, acceleration, deceleration))):
-            asked.velocity = 0
+            request.velocity = 0
         reference = float_of(setpoints[self._reference])
-        asked.reference_coordinate = _whole(reference, self._lu) if isfinite(reference) else None
+        request.reference_coordinate = _whole(reference, self._lu) if isfinite(reference) else None
 
-    def write(self, report: Report, outcome: Outcome, actuals: list[int]) -> None:
-        actuals[self._position] = float_pattern(outcome.position / self._lu)
+    def write(self, report: Report, result: PositionerResult, actuals: list[int]) -> None:
+        actuals[self._position] = float_pattern(result.position / self._lu)
         actuals[self._speed] = float_pattern(report.length_speed / (self._lu * self._minutes))
         actuals[self._message] = report.message
-        if outcome.to_fixed_stop:
+        if result.to_fixed_stop:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
 
 
@@ -247,30 +247,30 @@ class _ValuesOfMdi:
         self._message = adapter.actual("MELDW")
         self._position = adapter.actual("XIST_A")
 
-    def read(self, setpoints: Sequence[int], asked: Asked) -> None:
-        asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
+    def read(self, setpoints: Sequence[int], request: PositionerRequest) -> None:
+        request.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
         override = setpoints[self._override]
-        asked.override = override if override > 0 else 0
+        request.override = override if override > 0 else 0
         first = self._first
-        asked.target, asked.velocity = setpoints[first], setpoints[first + 1]
-        asked.acceleration, asked.deceleration = setpoints[first + 2], setpoints[first + 3]
+        request.target, request.velocity = setpoints[first], setpoints[first + 1]
+        request.acceleration, request.deceleration = setpoints[first + 2], setpoints[first + 3]
 
-    def write(self, report: Report, outcome: Outcome, actuals: list[int]) -> None:
-        position = outcome.position
+    def write(self, report: Report, result: PositionerResult, actuals: list[int]) -> None:
+        position = result.position
         actuals[self._position] = position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
         actuals[self._message] = report.message
-        if outcome.to_fixed_stop:
+        if result.to_fixed_stop:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
 
 
-def _read_alike(asked: Asked, second: int, how: int, absolute: int, positive: int, negative: int) -> None:
+def _read_alike(request: PositionerRequest, second: int, how: int, absolute: int, positive: int, negative: int) -> None:
     """POS_STW or POS_STW2, and how a position is meant, in a word with these masks."""
-    asked.tracking = second & _2_TRACKING != 0
-    asked.set_reference_point = second & _2_SET_REFERENCE != 0
-    asked.jog_incremental = second & _2_INCREMENTAL != 0
-    asked.absolute = how & absolute != 0
-    asked.positive = how & positive != 0
-    asked.negative = how & negative != 0
+    request.tracking = second & _2_TRACKING != 0
+    request.set_reference_point = second & _2_SET_REFERENCE != 0
+    request.jog_incremental = second & _2_INCREMENTAL != 0
+    request.absolute = how & absolute != 0
+    request.positive = how & positive != 0
+    request.negative = how & negative != 0
 
 
 class SelectionAdapter(BlockAdapter):
@@ -283,19 +283,19 @@ class SelectionAdapter(BlockAdapter):
 
     def read_controls(self, controls: Sequence[int]) -> None:
         super().read_controls(controls)
-        asked = self.asked
+        request = self.request
         word, mode = controls[2], controls[3]
-        _read_alike(asked, word, mode, _MOD_ABSOLUTE, _MOD_POSITIVE, _MOD_NEGATIVE)
+        _read_alike(request, word, mode, _MOD_ABSOLUTE, _MOD_POSITIVE, _MOD_NEGATIVE)
 
     def read_values(self, setpoints: Sequence[int]) -> None:
-        self._mdi.read(setpoints, self.asked)
+        self._mdi.read(setpoints, self.request)
 
     def write(self, report: Report, actuals: list[int]) -> None:
         super().write(report, actuals)
-        outcome = report.motion
-        if outcome is not None:
-            self._mdi.write(report, outcome, actuals)
-            actuals[self._pos_zsw] = _second(outcome, report.speed) & _POS_ZSW
+        result = report.motion
+        if result is not None:
+            self._mdi.write(report, result, actuals)
+            actuals[self._pos_zsw] = _second(result, report.speed) & _POS_ZSW
 
 
 class WideAdapter(PositionerAdapter):
@@ -312,33 +312,33 @@ class WideAdapter(PositionerAdapter):
         return _ValuesOfMdi(self)
 
     def read_controls(self, controls: Sequence[int]) -> None:
-        asked = self.asked
+        request = self.request
         word, second = controls[1], controls[2]
-        asked.block = _1_BLOCK.of(word)
-        _read_alike(asked, second, word, _1_ABSOLUTE, _1_POSITIVE, _1_NEGATIVE)
-        asked.continuous_update = word & _1_UPDATE != 0
-        asked.setting_up = word & _1_SETTING_UP != 0
-        asked.mdi = word & _1_MDI != 0
-        asked.passive_homing = second & _2_PASSIVE != 0
-        asked.probe_2 = second & _2_PROBE_2 != 0
-        asked.probe_falling = second & _2_FALLING != 0
-        asked.software_limits = second & _2_SOFTWARE != 0
-        asked.hardware_limits = second & _2_HARDWARE != 0
+        request.block = _1_BLOCK.of(word)
+        _read_alike(request, second, word, _1_ABSOLUTE, _1_POSITIVE, _1_NEGATIVE)
+        request.continuous_update = word & _1_UPDATE != 0
+        request.setting_up = word & _1_SETTING_UP != 0
+        request.mdi = word & _1_MDI != 0
+        request.passive_homing = second & _2_PASSIVE != 0
+        request.probe_2 = second & _2_PROBE_2 != 0
+        request.probe_falling = second & _2_FALLING != 0
+        request.software_limits = second & _2_SOFTWARE != 0
+        request.hardware_limits = second & _2_HARDWARE != 0
 
     def read_values(self, setpoints: Sequence[int]) -> None:
-        self._mdi.read(setpoints, self.asked)
+        self._mdi.read(setpoints, self.request)
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags) & _OWN
-        outcome = report.motion
-        if outcome is None:
+        result = report.motion
+        if result is None:
             return
-        self._mdi.write(report, outcome, actuals)
+        self._mdi.write(report, result, actuals)
         speed = report.speed
         if self._speed >= 0:
             actuals[self._speed] = speed
         first = self._pos_zsw1
-        actuals[first], actuals[first + 1] = _first(outcome, self.asked), _second(outcome, speed)
+        actuals[first], actuals[first + 1] = _first(result, self.request), _second(result, speed)
         first = self._codes
         actuals[first] = report.fault_code if report.flags & _FAULT else 0
         actuals[first + 1] = report.warning_code
@@ -354,47 +354,47 @@ class FloatAdapter(WideAdapter):
         return _FloatValues(self, choices)
 
 
-def _mode(outcome: Outcome, asked: Asked) -> State:
+def _mode(result: PositionerResult, request: PositionerRequest) -> State:
     """The active or last function; else the one that an edge of STW1.6 would start."""
-    if outcome.shown is not State.IDLE or outcome.state not in _SELECTABLE:
-        return outcome.shown
-    return State.BLOCK if not asked.mdi else State.SETTING_UP if asked.setting_up else State.MDI
+    if result.shown is not State.IDLE or result.state not in _SELECTABLE:
+        return result.shown
+    return State.BLOCK if not request.mdi else State.SETTING_UP if request.setting_up else State.MDI
 
 
-def _first(outcome: Outcome, asked: Asked) -> int:
+def _first(result: PositionerResult, request: PositionerRequest) -> int:
     """The value of POS_ZSW1."""
-    word = outcome.block | _FUNCTION[_mode(outcome, asked)] | _RUNNING[outcome.state]
-    if outcome.homing:
+    word = result.block | _FUNCTION[_mode(result, request)] | _RUNNING[result.state]
+    if result.homing:
         word |= _HOMING
-    if outcome.probe:
+    if result.probe:
         word |= _PASSIVE_HOMING
-    if outcome.negative_limit:
+    if result.negative_limit:
         word |= _NEGATIVE_LIMIT
-    return word | _POSITIVE_LIMIT if outcome.positive_limit else word
+    return word | _POSITIVE_LIMIT if result.positive_limit else word
 
 
-def _second(outcome: Outcome, speed: int) -> int:
+def _second(result: PositionerResult, speed: int) -> int:
     """POS_ZSW2."""
-    word = outcome.outputs << _OUTPUT_1
-    if outcome.reached:
+    word = result.outputs << _OUTPUT_1
+    if result.reached:
         word |= _STATIONARY | _SETPOINT_REACHED
-    elif outcome.motion.kind is _STAND:
+    elif result.motion.kind is _STAND:
         word |= _STATIONARY
     else:
         word |= _TRAVERSING
-    if not outcome.standing:
+    if not result.standing:
         word |= _FORWARD if speed > 0 else _BACKWARD
-    if outcome.state is _IN_TRACKING:
+    if result.state is _IN_TRACKING:
         word |= _TRACKING
-    if outcome.speed_limited:
+    if result.speed_limited:
         word |= _SPEED_LIMITED
-    if outcome.at_minus:
+    if result.at_minus:
         word |= _LIMIT_MINUS
-    if outcome.at_plus:
+    if result.at_plus:
         word |= _LIMIT_PLUS
-    if outcome.to_fixed_stop:
+    if result.to_fixed_stop:
         word |= _MOVING_TO_STOP
-    return word | _FIXED_STOP if outcome.fixed_stop else word
+    return word | _FIXED_STOP if result.fixed_stop else word
 
 
 # Telegram 9: positioning with MDI and homing.
@@ -426,24 +426,24 @@ class PositioningAdapter(PositionerAdapter):
         self._position = self.actual("XIST_A")
 
     def forget(self) -> None:
-        asked = self.asked
-        mdi = asked.mdi
-        asked.forget()
-        asked.mdi = mdi  # AKTSATZ shows it without control, too
+        request = self.request
+        mdi = request.mdi
+        request.forget()
+        request.mdi = mdi  # AKTSATZ shows it without control, too
 
     def read_controls(self, controls: Sequence[int]) -> None:
-        asked = self.asked
+        request = self.request
         selection, mode = controls[1], controls[2]
-        asked.mdi = selection & _MDI != 0
-        asked.homing_method = _METHOD.of(selection)
-        asked.absolute = mode & _ABSOLUTE != 0
-        asked.positive = mode & _POSITIVE != 0
-        asked.negative = mode & _NEGATIVE != 0
+        request.mdi = selection & _MDI != 0
+        request.homing_method = _METHOD.of(selection)
+        request.absolute = mode & _ABSOLUTE != 0
+        request.positive = mode & _POSITIVE != 0
+        request.negative = mode & _NEGATIVE != 0
 
     def read_values(self, setpoints: Sequence[int]) -> None:
-        asked, first = self.asked, self._first
-        asked.target, asked.velocity = setpoints[first], setpoints[first + 1]
-        asked.acceleration, asked.deceleration = setpoints[first + 2] * N4_PER_N2, setpoints[first + 3] * N4_PER_N2
+        request, first = self.request, self._first
+        request.target, request.velocity = setpoints[first], setpoints[first + 1]
+        request.acceleration, request.deceleration = setpoints[first + 2] * N4_PER_N2, setpoints[first + 3] * N4_PER_N2
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags)

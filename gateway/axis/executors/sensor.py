@@ -20,7 +20,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.values import EncoderInput, Inputs, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
-    PRESET_SETTLE_NS,
+    PRESET_EFFECT_NS,
     SENSOR_STATUS,
     PresetRequest,
     SensorError,
@@ -126,7 +126,7 @@ class SensorChannel:
         if references is not None:
             self.sensor.set_total_range(references.total_range)
             self.sensor.preset_supported = references.preset_supported
-            self.sensor.settle_ns = PRESET_SETTLE_NS + references.position_age_ns
+            self.sensor.settle_ns = PRESET_EFFECT_NS + references.position_age_ns
             self._references = references
 
     def step(

@@ -164,9 +164,9 @@ class VelocityCheck:
         moves, shown = (median(map(abs, values)) for values in zip(*self._steps, strict=True))
         # A position that arrives later than the speed moves in the old direction for a step after a reversal.
         backwards = self._compares_signs and all(step < 0 for step, _ in self._steps)
-        return self._judge(-moves if backwards else moves, shown)
+        return self._contradiction(-moves if backwards else moves, shown)
 
-    def _judge(self, seen: float, shown: float) -> tuple[FaultNumber, str] | None:
+    def _contradiction(self, seen: float, shown: float) -> tuple[FaultNumber, str] | None:
         factor = seen / shown
         if 1 / _WARNING <= factor <= _WARNING:
             return None

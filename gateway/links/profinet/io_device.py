@@ -142,7 +142,7 @@ class ProfinetLink:
         self.loss = ""
         self._end = ""
         """Reason of the end of the newest relationship with data exchange."""
-        self._untold = ""
+        self._unreported = ""
         """Reason of a loss that the axes have not seen yet: until then no setpoints count."""
         self._keeper = StationKeeper(port, transport, store, loop)
         model = profinet_model(transport, port.mac, config.objects, self._telegrams)
@@ -239,7 +239,7 @@ class ProfinetLink:
                 break
             waited = True
         if waited:
-            self._tell(_HELD_UP)
+            self._report_loss(_HELD_UP)
 
     def _is_changed(self) -> bool:
         """Whether orders of the newest frame differ from those of the frame before it, or its relationship is new."""
@@ -259,7 +259,7 @@ class ProfinetLink:
         self.more = not half < since < consumer.cycle_ns + half
         if self._pairing is not None and not self._pairing.together:
             self._pairing.came(now)
-        if self._untold:
+        if self._unreported:
             self._ordered = _NOT_IN_FORCE
             return
         if since > self._limit_ns:
@@ -274,8 +274,8 @@ class ProfinetLink:
         if not self._receivable:
             return False
         consumer = self._consumer
-        if self._untold:
-            loss, self._untold = self._untold, ""
+        if self._unreported:
+            loss, self._unreported = self._unreported, ""
         elif consumer is None or consumer.data_ns is None:
             loss = self._end
         else:
@@ -288,10 +288,10 @@ class ProfinetLink:
         self.lose_setpoints()
         return True
 
-    def _tell(self, loss: str) -> None:
+    def _report_loss(self, loss: str) -> None:
         """The next step of the axes sees this loss, also if the controller is there again by then."""
         if self._receivable:
-            self._untold = loss
+            self._unreported = loss
 
     def finding(self, index: int | None = None) -> Finding | None:
         now, consumer = self._loop.now(), self._consumer
@@ -468,7 +468,7 @@ class ProfinetLink:
                     self.lose_setpoints()
                 if relation is not None and relation.consumer is self._consumer and not relation.connected:
                     # Setpoints of the controller do not count until the parameters are complete.
-                    self._tell("the controller sends its parameters again (PrmBegin)")
+                    self._report_loss("the controller sends its parameters again (PrmBegin)")
                 if self._newest is not None and relation is not None and relation is not self._placed_for:
                     self.send(*self._newest, self._loop.now())
                 self._pump()
@@ -573,7 +573,7 @@ class ProfinetLink:
                 self._end = f"the relationship has ended: {ended.text}"
                 self._release()
                 self.lose_setpoints()
-                self._tell(self._end)
+                self._report_loss(self._end)
             case _:
                 self._keeper.on_event(event, self.station.name)
 

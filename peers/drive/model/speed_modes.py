@@ -28,11 +28,11 @@ class _SpeedMode(ModeOfOperation):
         if drive.halted:
             drive.target_velocity = 0
         limit = drive.speed_limit
-        target = min(max(self._wanted(), -limit), limit)
+        target = min(max(self._demanded(), -limit), limit)
         drive.limited = drive.against_limit(target)
         self._follow(0.0 if drive.limited else target)
 
-    def _wanted(self) -> float:
+    def _demanded(self) -> float:
         return self.drive.target_velocity * self.drive.unit
 
     def _follow(self, target: float) -> None:
@@ -70,8 +70,8 @@ class SpeedControl(ProfileVelocity):
 class VelocityMode(_SpeedMode):
     """Velocity mode (vl) of frequency converters."""
 
-    def _wanted(self) -> float:
-        return super()._wanted() if self.drive.controlword & VL_RAMP == VL_RAMP else 0.0
+    def _demanded(self) -> float:
+        return super()._demanded() if self.drive.controlword & VL_RAMP == VL_RAMP else 0.0
 
     def _follow(self, target: float) -> None:
         drive = self.drive

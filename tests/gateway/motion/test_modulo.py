@@ -73,7 +73,7 @@ def test_tasks_end_at_their_target_and_what_is_shown_is_always_in_range(
             mdi=True, absolute=True, target=target, velocity=30_000, positive=positive, negative=negative, activate=True
         )
         rig.step(2, activate=False)
-        while rig.speed or not rig.seen.reached or not rig.outcome.reached:
+        while rig.speed or not rig.seen.reached or not rig.result.reached:
             rig.step()
             assert 0 <= rig.position < RANGE
             assert abs(rig.seen.position - begin) <= RANGE
@@ -94,14 +94,14 @@ def test_a_relative_task_goes_several_turns() -> None:
 def test_an_absolute_target_outside_the_range_is_refused(target: int) -> None:
     rig = PositionerRig(ROTARY)
     rig.step(mdi=True, absolute=True, target=target, velocity=3000, activate=True)
-    assert rig.outcome.warning is Reason.TASK_TARGET_RANGE
+    assert rig.result.warning is Reason.TASK_TARGET_RANGE
     assert not rig.settle().reached or rig.seen.position == 0
 
 
 def test_both_directions_are_refused() -> None:
     rig = PositionerRig(ROTARY)
     rig.step(mdi=True, absolute=True, target=10, velocity=3000, positive=True, negative=True, activate=True)
-    assert rig.outcome.warning is Reason.TASK_DIRECTION
+    assert rig.result.warning is Reason.TASK_DIRECTION
     assert not rig.starts
 
 

@@ -45,15 +45,15 @@ def test_edges_of_tasks_are_taken_where_the_table_has_rows_for_them() -> None:
 def test_an_absolute_task_is_acknowledged_moves_and_is_reached() -> None:
     rig = PositionerRig(delay=3)
     move(rig, target=8000, **ABSOLUTE)
-    assert (rig.outcome.acknowledged, rig.outcome.reached) == (False, False)
-    while not rig.outcome.acknowledged:
+    assert (rig.result.acknowledged, rig.result.reached) == (False, False)
+    while not rig.result.acknowledged:
         rig.step()
-        assert not rig.outcome.reached, "the old one's reached is never that of the new task"
+        assert not rig.result.reached, "the old one's reached is never that of the new task"
     rig.settle()
-    assert (rig.position, rig.outcome.reached, rig.outcome.acknowledged) == (8000, True, True)
-    assert (rig.outcome.state, rig.outcome.shown) == (State.IDLE, State.MDI)
+    assert (rig.position, rig.result.reached, rig.result.acknowledged) == (8000, True, True)
+    assert (rig.result.state, rig.result.shown) == (State.IDLE, State.MDI)
     rig.step(activate=False)
-    assert (rig.outcome.reached, rig.outcome.acknowledged, rig.outcome.shown) == (True, False, State.IDLE)
+    assert (rig.result.reached, rig.result.acknowledged, rig.result.shown) == (True, False, State.IDLE)
 
 
 def test_a_task_of_the_same_target_is_acknowledged_and_reached_too() -> None:
@@ -61,8 +61,8 @@ def test_a_task_of_the_same_target_is_acknowledged_and_reached_too() -> None:
     for _ in range(2):
         move(rig, target=0, **ABSOLUTE)
         rig.settle()
-        assert rig.outcome.acknowledged
-        assert rig.outcome.reached
+        assert rig.result.acknowledged
+        assert rig.result.reached
 
 
 def test_a_relative_task_goes_its_distance_once_over_stops_and_overrides() -> None:
@@ -101,9 +101,9 @@ def test_a_task_that_came_while_the_axis_brakes_starts_at_standstill() -> None:
     rig.step(60)
     rig.step(do_not_reject=False)
     rig.step(do_not_reject=True, activate=False)
-    assert rig.outcome.state is State.BRAKING
+    assert rig.result.state is State.BRAKING
     rig.step(activate=True, target=100)
-    assert rig.outcome.state is State.BRAKING
+    assert rig.result.state is State.BRAKING
     rig.settle()
     assert rig.position == 100
 
@@ -136,7 +136,7 @@ def test_a_new_edge_during_an_intermediate_stop_replaces_the_kept_task() -> None
     rig.step(20, no_intermediate_stop=False)
     move(rig, target=-300)
     rig.step(100)
-    assert (rig.speed, rig.outcome.reason) == (0, Reason.INTERMEDIATE_STOP)
+    assert (rig.speed, rig.result.reason) == (0, Reason.INTERMEDIATE_STOP)
     rig.step(no_intermediate_stop=True)
     rig.settle()
     assert rig.position == -300
@@ -150,7 +150,7 @@ def test_override_scales_the_speed_and_0_stands_with_the_task_kept() -> None:
     rig.step(60, override=FULL // 2)
     assert rig.speed == full // 2
     rig.step(60, override=0)
-    assert (rig.speed, rig.outcome.reason, rig.outcome.reached) == (0, Reason.OVERRIDE_ZERO, False)
+    assert (rig.speed, rig.result.reason, rig.result.reached) == (0, Reason.OVERRIDE_ZERO, False)
     rig.step(override=FULL)
     rig.settle()
     assert rig.position == 40_000
@@ -178,22 +178,22 @@ def test_a_task_that_cannot_be_done_moves_nothing_and_says_why_until_the_reject(
         rig.step(50)
     move(rig, **values)
     rig.settle()
-    assert (rig.outcome.warning, rig.outcome.reason, rig.outcome.acknowledged) == (reason, reason, False)
+    assert (rig.result.warning, rig.result.reason, rig.result.acknowledged) == (reason, reason, False)
     assert len(rig.starts) == moving
     rig.step(do_not_reject=False)
-    assert rig.outcome.warning is None
+    assert rig.result.warning is None
 
 
 def test_continuous_update_takes_changes_without_an_edge_also_at_standstill() -> None:
     rig = PositionerRig()
     move(rig, target=3000, continuous_update=True, **ABSOLUTE)
     rig.step(20, target=9000)
-    assert rig.outcome.acknowledged
+    assert rig.result.acknowledged
     rig.settle()
-    assert (rig.position, rig.outcome.acknowledged, rig.outcome.reached) == (9000, True, True)
+    assert (rig.position, rig.result.acknowledged, rig.result.reached) == (9000, True, True)
     rig.step(target=-1000)
     rig.settle()
-    assert (rig.position, rig.outcome.acknowledged) == (-1000, True)
+    assert (rig.position, rig.result.acknowledged) == (-1000, True)
     rig.step(3, activate=False)
     rig.step(target=5000)
     rig.settle()
@@ -211,7 +211,7 @@ def test_continuous_update_of_a_relative_task_is_refused_and_changes_nothing() -
     rig = PositionerRig()
     move(rig, target=3000, continuous_update=True, **RELATIVE)
     rig.step(5, target=4000)
-    assert rig.outcome.warning is Reason.UPDATE_RELATIVE
+    assert rig.result.warning is Reason.UPDATE_RELATIVE
     rig.settle()
     assert rig.position == 3000
 
@@ -233,13 +233,13 @@ def test_setting_up_goes_on_until_the_reject() -> None:
     move(rig, mdi=True, setting_up=True, negative=True, velocity=3000)
     rig.step(100)
     assert rig.speed == -200
-    assert (rig.outcome.state, rig.outcome.shown, rig.outcome.reached) == (State.SETTING_UP, State.SETTING_UP, False)
-    assert rig.outcome.acknowledged
+    assert (rig.result.state, rig.result.shown, rig.result.reached) == (State.SETTING_UP, State.SETTING_UP, False)
+    assert rig.result.acknowledged
     rig.step(do_not_reject=False)
-    assert rig.outcome.shown is State.IDLE
-    assert not rig.outcome.reached
+    assert rig.result.shown is State.IDLE
+    assert not rig.result.reached
     rig.settle()
-    assert rig.outcome.reached
+    assert rig.result.reached
 
 
 def test_setting_up_is_held_by_an_intermediate_stop_and_changes_direction_by_update() -> None:
@@ -253,7 +253,7 @@ def test_setting_up_is_held_by_an_intermediate_stop_and_changes_direction_by_upd
     rig.step(60, positive=False, negative=True)
     assert rig.speed < 0
     rig.step(60, positive=True, negative=True)
-    assert (rig.speed, rig.outcome.warning) == (0, Reason.TASK_DIRECTION)
+    assert (rig.speed, rig.result.warning) == (0, Reason.TASK_DIRECTION)
 
 
 def test_a_block_does_not_replace_setting_up() -> None:
@@ -261,7 +261,7 @@ def test_a_block_does_not_replace_setting_up() -> None:
     move(rig, mdi=True, setting_up=True, positive=True, velocity=3000)
     rig.step(10)
     move(rig, mdi=False, block=1)
-    assert (rig.outcome.state, rig.outcome.warning) == (State.SETTING_UP, Reason.FUNCTION_RUNS)
+    assert (rig.result.state, rig.result.warning) == (State.SETTING_UP, Reason.FUNCTION_RUNS)
 
 
 @pytest.mark.parametrize(("bit", "sign"), [("jog_1", -1), ("jog_2", 1)])
@@ -269,11 +269,11 @@ def test_jog_moves_while_its_bit_stands_whatever_the_override(bit: str, sign: in
     rig = PositionerRig()
     rig.step(60, override=0, **{bit: True})
     assert rig.speed == sign * 200
-    assert (rig.outcome.state, rig.outcome.reached) == (State.JOG, False)
+    assert (rig.result.state, rig.result.reached) == (State.JOG, False)
     rig.step(**{bit: False})
-    assert rig.outcome.state is State.BRAKING
+    assert rig.result.state is State.BRAKING
     rig.settle()
-    assert rig.outcome.reached
+    assert rig.result.reached
 
 
 def test_both_jog_bits_ramp_down_and_the_one_left_does_not_move() -> None:
@@ -292,7 +292,7 @@ def test_jog_changes_over_through_standstill() -> None:
     rig = PositionerRig()
     rig.step(60, jog_1=True)
     rig.step(jog_1=False, jog_2=True)
-    assert rig.outcome.state is State.BRAKING
+    assert rig.result.state is State.BRAKING
     rig.step(100)
     assert rig.speed == 200
 
@@ -303,7 +303,7 @@ def test_incremental_jog_goes_its_distance_once_for_each_edge(bit: str, distance
     for count in (1, 2):
         rig.step(jog_incremental=True, **{bit: True})
         rig.step(300)
-        assert (rig.position, rig.outcome.state) == (count * distance, State.IDLE)
+        assert (rig.position, rig.result.state) == (count * distance, State.IDLE)
         rig.step(3, **{bit: False})
     assert [motion.distance for motion in rig.starts] == [distance] * 2
 
@@ -320,13 +320,13 @@ def test_jog_and_tasks_do_not_replace_each_other() -> None:
     rig = PositionerRig()
     rig.step(20, jog_2=True)
     move(rig, target=100, **ABSOLUTE)
-    assert (rig.outcome.state, rig.outcome.warning) == (State.JOG, Reason.FUNCTION_RUNS)
+    assert (rig.result.state, rig.result.warning) == (State.JOG, Reason.FUNCTION_RUNS)
     rig.step(jog_2=False)
     rig.settle()
     assert rig.position != 100, "the edge is not kept"
     move(rig, target=30_000, **ABSOLUTE)
     rig.step(20, jog_1=True)
-    assert rig.outcome.state is State.MDI
+    assert rig.result.state is State.MDI
 
 
 # -- limits ---------------------------------------------------------------------------------------------------------------
@@ -337,10 +337,10 @@ def test_a_target_beyond_a_software_limit_is_the_limit() -> None:
     rig.home()
     move(rig, target=80_000, **ABSOLUTE)
     rig.settle()
-    assert (rig.position, rig.outcome.at_plus, rig.outcome.warning) == (50_000, True, Reason.SOFTWARE_LIMIT)
+    assert (rig.position, rig.result.at_plus, rig.result.warning) == (50_000, True, Reason.SOFTWARE_LIMIT)
     move(rig, target=0)
     rig.settle()
-    assert (rig.position, rig.outcome.at_plus) == (0, False)
+    assert (rig.position, rig.result.at_plus) == (0, False)
 
 
 def test_a_target_beyond_the_drives_range_is_the_software_limit_too() -> None:
@@ -368,13 +368,13 @@ def test_a_function_with_a_speed_ends_at_the_software_limit_and_moves_back(funct
     rig.home()
     go(True)
     rig.step(600)
-    assert (rig.position, rig.outcome.at_plus) == (50_000, True)
+    assert (rig.position, rig.result.at_plus) == (50_000, True)
     go(True)
     rig.step(50)
     assert rig.position == 50_000
     go(False)
     rig.step(600)
-    assert (rig.position, rig.outcome.at_minus) == (-50_000, True)
+    assert (rig.position, rig.result.at_minus) == (-50_000, True)
 
 
 def test_an_axis_beyond_a_software_limit_stands_unless_it_moves_back() -> None:
@@ -385,7 +385,7 @@ def test_an_axis_beyond_a_software_limit_stands_unless_it_moves_back() -> None:
     beyond = rig.position
     assert beyond > 50_000
     rig.step(200, software_limits=True, jog_2=True)
-    assert (rig.position, rig.outcome.warning) == (beyond, Reason.SOFTWARE_LIMIT)
+    assert (rig.position, rig.result.warning) == (beyond, Reason.SOFTWARE_LIMIT)
     rig.step(jog_2=False)
     rig.step(60, jog_1=True)
     assert rig.position < beyond
@@ -403,7 +403,7 @@ def test_a_software_limit_that_becomes_active_replaces_the_target_of_a_running_t
     rig.step(10)
     rig.step(software_limits=True)
     assert rig.settle().warning is Reason.SOFTWARE_LIMIT
-    assert (rig.position, rig.outcome.at_plus) == (5000, True)
+    assert (rig.position, rig.result.at_plus) == (5000, True)
 
 
 def test_a_relative_task_that_begins_after_the_braking_of_another_ends_at_the_software_limit() -> None:
@@ -433,7 +433,7 @@ def test_a_task_that_is_beyond_a_software_limit_when_it_becomes_active_stops() -
     rig.step(software_limits=True)
     assert rig.settle().warning is Reason.SOFTWARE_LIMIT
     assert beyond < rig.position < 20_000
-    assert not rig.outcome.motion.target, "not back to the limit"
+    assert not rig.result.motion.target, "not back to the limit"
 
 
 def test_a_software_limit_that_becomes_active_also_counts_for_a_waiting_setpoint() -> None:
@@ -469,7 +469,7 @@ def test_a_task_that_a_limit_switch_holds_does_not_go_on_when_it_is_released() -
     rig.step(60)
     rig.seen.internal_limit = True
     rig.step(LIMIT_STANDING_NS // CYCLE + 2)
-    assert rig.outcome.reason is Reason.TASK_AT_LIMIT
+    assert rig.result.reason is Reason.TASK_AT_LIMIT
     rig.seen.internal_limit, rig.stop_at = False, None
     rig.step(50)
     assert rig.position == 1000
@@ -494,21 +494,21 @@ def test_nothing_goes_on_when_operation_returns_and_standing_bits_are_no_edge() 
     move(rig, target=30_000, continuous_update=True, **ABSOLUTE)
     rig.step(60, jog_1=True, homing=True)
     rig.step(operating=False)
-    assert (rig.outcome.state, rig.outcome.acknowledged) == (State.OFF, False)
+    assert (rig.result.state, rig.result.acknowledged) == (State.OFF, False)
     rig.step(60)
     rig.step(operating=True)
     stands = rig.position
     rig.step(100, target=1)
-    assert (rig.position, rig.outcome.state) == (stands, State.IDLE)
+    assert (rig.position, rig.result.state) == (stands, State.IDLE)
 
 
 def test_reason_of_a_refused_task_ends_when_operation_begins_anew() -> None:
     rig = PositionerRig()
     rig.step(**{**ABSOLUTE, "velocity": 0, "activate": True})
-    assert rig.outcome.reason is Reason.TASK_SPEED_ZERO
+    assert rig.result.reason is Reason.TASK_SPEED_ZERO
     rig.step(operating=False)
     rig.step(3, operating=True)
-    assert rig.outcome.reason is Reason.EARLY_EDGE
+    assert rig.result.reason is Reason.EARLY_EDGE
 
 
 @pytest.mark.parametrize(
@@ -520,9 +520,9 @@ def test_bit_that_was_1_before_operation_is_named_until_it_falls(bit: str, reaso
     rig.step(operating=False)
     rig.step(operating=False, **{bit: True})
     rig.step(3, operating=True)
-    assert rig.outcome.reason is reason
+    assert rig.result.reason is reason
     rig.step(2, **{bit: False})
-    assert rig.outcome.reason is None
+    assert rig.result.reason is None
 
 
 @pytest.mark.parametrize("bit", ["do_not_reject", "no_intermediate_stop"])
@@ -531,24 +531,24 @@ def test_edge_that_came_while_a_bit_was_0_is_named_until_the_next_edge(bit: str)
     rig.step(**ABSOLUTE, **{bit: False})
     rig.step(2, activate=True)
     rig.step(3, **{bit: True})
-    assert (rig.outcome.state, rig.outcome.reason) == (State.IDLE, Reason.LOST_EDGE)
+    assert (rig.result.state, rig.result.reason) == (State.IDLE, Reason.LOST_EDGE)
     rig.step(2, activate=False)
-    assert rig.outcome.reason is Reason.LOST_EDGE, "also after a pulse"
+    assert rig.result.reason is Reason.LOST_EDGE, "also after a pulse"
     rig.step(activate=True)
-    assert (rig.outcome.state, rig.outcome.reason) == (State.MDI, None)
+    assert (rig.result.state, rig.result.reason) == (State.MDI, None)
 
 
 def test_task_that_has_ended_is_no_lost_edge_and_one_that_was_rejected_is() -> None:
     rig = PositionerRig()
     move(rig, target=1_000, **ABSOLUTE)
     rig.step(2000)
-    assert (rig.outcome.state, rig.outcome.reason) == (State.IDLE, None)
+    assert (rig.result.state, rig.result.reason) == (State.IDLE, None)
     rig.step(activate=False)
     move(rig, target=30_000, **ABSOLUTE)
     rig.step(do_not_reject=False)
     rig.step(2000)
     rig.step(do_not_reject=True)
-    assert (rig.outcome.state, rig.outcome.reason) == (State.IDLE, Reason.LOST_EDGE)
+    assert (rig.result.state, rig.result.reason) == (State.IDLE, Reason.LOST_EDGE)
 
 
 def test_homing_whose_edge_came_during_a_reject_is_named_until_it_is_withdrawn() -> None:
@@ -556,6 +556,6 @@ def test_homing_whose_edge_came_during_a_reject_is_named_until_it_is_withdrawn()
     rig.step(do_not_reject=False)
     rig.step(2, homing=True)
     rig.step(3, do_not_reject=True)
-    assert (rig.outcome.state, rig.outcome.reason) == (State.IDLE, Reason.LOST_HOMING)
+    assert (rig.result.state, rig.result.reason) == (State.IDLE, Reason.LOST_HOMING)
     rig.step(2, homing=False)
-    assert rig.outcome.reason is None
+    assert rig.result.reason is None

@@ -25,26 +25,26 @@ def test_a_chain_runs_to_its_end_with_stops_waits_and_outputs() -> None:
         Block(4, task=BlockTask.GOTO, value=9),
         Block(9, -400, 3000, mode=BlockMode.RELATIVE),
     )
-    numbers = [rig.outcome.block]
+    numbers = [rig.result.block]
     waited = 0
-    while rig.outcome.state is State.BLOCK:
+    while rig.result.state is State.BLOCK:
         rig.step()
-        waited += rig.outcome.block == 3
-        assert not (rig.outcome.block == 3 and rig.speed)
-        if rig.outcome.block != numbers[-1]:
-            numbers.append(rig.outcome.block)
+        waited += rig.result.block == 3
+        assert not (rig.result.block == 3 and rig.speed)
+        if rig.result.block != numbers[-1]:
+            numbers.append(rig.result.block)
     assert numbers == [1, 3, 9, 0]
     assert waited == 200_000_000 // CYCLE
-    assert (rig.position, rig.outcome.outputs, rig.outcome.reached) == (600, 0b10, True)
+    assert (rig.position, rig.result.outputs, rig.result.reached) == (600, 0b10, True)
 
 
 def test_a_flying_block_goes_on_without_a_stop() -> None:
     rig = chain(Block(1, 2000, 3000, next=BlockNext.FLYING), Block(2, 3000, 3000))
     stops = 0
-    while rig.outcome.state is State.BLOCK:
-        before = rig.outcome.block
+    while rig.result.state is State.BLOCK:
+        before = rig.result.block
         rig.step()
-        stops += before == 1 and rig.outcome.block == 2
+        stops += before == 1 and rig.result.block == 2
     assert [motion.immediate for motion in rig.starts] == [True, False]
     assert stops == 1
     assert rig.position == 3000
@@ -53,7 +53,7 @@ def test_a_flying_block_goes_on_without_a_stop() -> None:
 def test_a_flying_block_without_waiting_set_points_stops_and_warns() -> None:
     rig = chain(Block(1, 2000, 3000, next=BlockNext.FLYING), Block(2, 3000, 3000), waiting_setpoints=False)
     rig.step(20)
-    assert rig.outcome.warning is Reason.FLYING_NOT_SUPPORTED
+    assert rig.result.warning is Reason.FLYING_NOT_SUPPORTED
     rig.settle()
     assert rig.position == 3000
     assert all(motion.immediate for motion in rig.starts)
@@ -71,7 +71,7 @@ def test_an_intermediate_stop_in_a_flying_chain_loses_and_doubles_nothing() -> N
         assert rig.speed == 0
         rig.step(no_intermediate_stop=True)
     rig.settle()
-    assert (rig.position, rig.outcome.state) == (3000, State.IDLE)
+    assert (rig.position, rig.result.state) == (3000, State.IDLE)
 
 
 def test_an_external_edge_goes_on_to_the_next_block_under_way_or_from_standstill() -> None:
@@ -81,11 +81,11 @@ def test_an_external_edge_goes_on_to_the_next_block_under_way_or_from_standstill
         Block(3, 77, 3000),
     )
     rig.step(100)
-    assert rig.outcome.block == 1
+    assert rig.result.block == 1
     rig.step(external_block_change=True)
-    assert rig.outcome.block == 2
+    assert rig.result.block == 2
     rig.step(300)
-    assert (rig.position, rig.outcome.block) == (0, 2), "one edge, one block"
+    assert (rig.position, rig.result.block) == (0, 2), "one edge, one block"
     rig.step(external_block_change=False)
     rig.step(external_block_change=True)
     rig.settle()
@@ -95,11 +95,11 @@ def test_an_external_edge_goes_on_to_the_next_block_under_way_or_from_standstill
 def test_an_endless_block_runs_until_it_is_replaced() -> None:
     rig = chain(Block(1, 0, 3000, mode=BlockMode.ENDLESS_NEGATIVE), Block(2, 50, 3000))
     rig.step(100)
-    assert rig.outcome.motion.kind is MotionKind.SPEED
+    assert rig.result.motion.kind is MotionKind.SPEED
     assert rig.speed == -200
     move(rig, block=2)
     rig.settle()
-    assert (rig.position, rig.outcome.shown, rig.outcome.state) == (50, State.BLOCK, State.IDLE)
+    assert (rig.position, rig.result.shown, rig.result.state) == (50, State.BLOCK, State.IDLE)
 
 
 def test_a_block_in_the_middle_of_a_chain_that_cannot_be_done_ends_it() -> None:
@@ -109,19 +109,19 @@ def test_a_block_in_the_middle_of_a_chain_that_cannot_be_done_ends_it() -> None:
         Block(3, 900, 3000),
     )
     rig.settle()
-    assert (rig.position, rig.outcome.warning, rig.outcome.state) == (100, Reason.TASK_TARGET_RANGE, State.IDLE)
+    assert (rig.position, rig.result.warning, rig.result.state) == (100, Reason.TASK_TARGET_RANGE, State.IDLE)
 
 
 def test_a_fixed_stop_presses_with_its_torque_until_the_reject() -> None:
     rig = PositionerRig(blocks=(Block(1, 5000, 3000, task=BlockTask.FIXED_STOP, value=250),), stop_at=1500)
     rig.step(activate=True, mdi=False, block=1)
-    assert (rig.outcome.motion.torque, rig.outcome.to_fixed_stop) == (250, True)
+    assert (rig.result.motion.torque, rig.result.to_fixed_stop) == (250, True)
     rig.step(100)
-    assert (rig.outcome.fixed_stop, rig.outcome.state) == (True, State.BLOCK)
+    assert (rig.result.fixed_stop, rig.result.state) == (True, State.BLOCK)
     rig.step(200)
-    assert rig.outcome.motion.kind is MotionKind.POSITION
+    assert rig.result.motion.kind is MotionKind.POSITION
     rig.step(2, do_not_reject=False)
-    assert (rig.outcome.motion.torque, rig.outcome.fixed_stop, rig.outcome.to_fixed_stop) == (None, False, False)
+    assert (rig.result.motion.torque, rig.result.fixed_stop, rig.result.to_fixed_stop) == (None, False, False)
 
 
 def test_a_fixed_stop_that_is_not_there_ends_the_chain_with_a_warning() -> None:
@@ -130,12 +130,12 @@ def test_a_fixed_stop_that_is_not_there_ends_the_chain_with_a_warning() -> None:
         Block(2, 900, 3000),
     )
     rig.settle()
-    assert (rig.position, rig.outcome.warning, rig.outcome.state) == (500, Reason.FIXED_STOP_MISSED, State.IDLE)
+    assert (rig.position, rig.result.warning, rig.result.state) == (500, Reason.FIXED_STOP_MISSED, State.IDLE)
 
 
 def test_stw2_8_moves_an_mdi_task_to_a_fixed_stop() -> None:
     rig = PositionerRig(stop_at=1000)
     move(rig, target=5000, to_fixed_stop=True, **ABSOLUTE)
-    assert rig.outcome.motion.torque == SETTINGS.clamping_torque
+    assert rig.result.motion.torque == SETTINGS.clamping_torque
     rig.step(100)
-    assert rig.outcome.fixed_stop
+    assert rig.result.fixed_stop

@@ -47,27 +47,27 @@ class Life(RuleBasedStateMachine):
 
     def cycles(self, count: int) -> None:
         for _ in range(count):
-            before, asked = self.rig.speed, self.rig.asked
+            before, request = self.rig.speed, self.rig.request
             self.rig.step()
             faster = abs(self.rig.speed) > abs(before)
             if (
-                asked.jog_1
-                and asked.jog_2
-                and self.rig.outcome.state in {State.JOG, State.JOG_INCREMENTAL, State.BRAKING}
+                request.jog_1
+                and request.jog_2
+                and self.rig.result.state in {State.JOG, State.JOG_INCREMENTAL, State.BRAKING}
             ):
                 assert not faster, "jog moves with both bits"
-            if not asked.do_not_reject or not asked.operating:
+            if not request.do_not_reject or not request.operating:
                 assert not faster, "moves in spite of a reject or without operation"
             if not self.permitted:
                 assert not faster, "something survived what ends it all"
 
     @rule(name=FLAGS, count=st.integers(0, 20))
     def toggle(self, name: str, count: int) -> None:
-        value = not getattr(self.rig.asked, name)
-        self.rig.asked = replace(self.rig.asked, **{name: value})
+        value = not getattr(self.rig.request, name)
+        self.rig.request = replace(self.rig.request, **{name: value})
         if name == "operating":
             self.permitted = False
-        elif value and self.rig.asked.operating:
+        elif value and self.rig.request.operating:
             self.permitted = self.permitted or name in {"activate", "jog_1", "jog_2", "homing"}
         elif name in {"jog_1", "jog_2"} and self.permitted:
             self.permitted = True
@@ -82,7 +82,7 @@ class Life(RuleBasedStateMachine):
     )
     def change_values(self, end: int, velocity: int, block: int, override: int, count: int) -> None:
         values = {"target": end, "velocity": velocity, "block": block, "override": override}
-        self.rig.asked = replace(self.rig.asked, **values)
+        self.rig.request = replace(self.rig.request, **values)
         self.cycles(count)
 
     @rule(count=st.integers(20, 120))
@@ -99,8 +99,8 @@ class Life(RuleBasedStateMachine):
     @invariant()
     def reached_is_only_shown_at_standstill(self) -> None:
         rig = getattr(self, "rig", None)
-        if rig is not None and rig.outcome.reached and rig.outcome.state is State.IDLE:
-            assert rig.outcome.motion.kind is MotionKind.STAND
+        if rig is not None and rig.result.reached and rig.result.state is State.IDLE:
+            assert rig.result.motion.kind is MotionKind.STAND
 
 
 TestLife = Life.TestCase
@@ -124,7 +124,7 @@ def test_a_relative_task_is_done_exactly_once_whatever_stops_and_overrides_come(
     rig.step(no_intermediate_stop=True, override=FULL)
     rig.settle()
     assert rig.position == distance
-    assert rig.outcome.reached
+    assert rig.result.reached
 
 
 @given(
@@ -140,7 +140,7 @@ def test_continuous_update_ends_at_the_newest_target_and_never_starts_a_second_m
     for target, count in targets:
         rig.step(1 + count, target=target)
     rig.settle()
-    assert (rig.position, rig.outcome.acknowledged) == (targets[-1][0], True)
+    assert (rig.position, rig.result.acknowledged) == (targets[-1][0], True)
     distinct = 1 + sum(a != b for (a, _), (b, _) in pairwise(targets))
     assert len(rig.starts) <= distinct
     taken = len(rig.starts)

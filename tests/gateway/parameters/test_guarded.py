@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.units.mechanics import UNIT_OBJECTS
@@ -79,7 +79,7 @@ class Client:
     def submit(self, job: Callable[[Any], None]) -> Future[None]:
         future: Future[None] = Future()
         self._before()
-        settle(future, lambda: job(self))
+        resolve(future, lambda: job(self))
         return future
 
     def write_for_client(self, index: int, subindex: int, data: bytes) -> None:

@@ -40,7 +40,7 @@ from pdgw.gateway.axis.values import Answer, Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.requests import Asked, Motion, Outcome, Seen
+from pdgw.gateway.motion.requests import Motion, PositionerFeedback, PositionerRequest, PositionerResult
 from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course
 from pdgw.profidrive.frame import SignOfLife
 
@@ -160,16 +160,16 @@ OF: Final[dict[type, dict[str, Any]]] = {
     MdiPositioner: {"PASSING": frozenset({"before"})},
     Positioner: {
         "INSTANTS": {"_homing_until": 0},
-        "PASSING": frozenset({"asked", "_now", "seen"}),
+        "PASSING": frozenset({"request", "_now", "seen"}),
         "ASIDE": frozenset({"_controls", "_edges"}),
     },
-    Asked: {"ASIDE": frozenset({"*"})},
-    Seen: {
+    PositionerRequest: {"ASIDE": frozenset({"*"})},
+    PositionerFeedback: {
         "SERIALS": frozenset({"given", "taken", "executing"}),
         "PASSING": frozenset({"standstill", "stopped", "reached", "answered", "internal_limit", "torque_at_limit"}),
     },
     Motion: {"SERIALS": frozenset({"serial", "first"})},
-    Outcome: {
+    PositionerResult: {
         "PASSING": frozenset(
             {
                 "at_minus",
@@ -206,5 +206,5 @@ def kept(adapter: Adapter, demand: Demand) -> tuple[object, ...]:
     if demand.connected and holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
         found = (demand,)
     if isinstance(adapter, PositionerAdapter) and demand in found:
-        found = (*found, adapter.asked)
-    return (*found, adapter.asked.mdi) if isinstance(adapter, PositioningAdapter) else found
+        found = (*found, adapter.request)
+    return (*found, adapter.request.mdi) if isinstance(adapter, PositioningAdapter) else found

@@ -8,14 +8,14 @@ from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import (
     FULL,
-    Asked,
     HomingResult,
     Motion,
     MotionKind,
-    Outcome,
     PositionerChoices,
+    PositionerFeedback,
+    PositionerRequest,
+    PositionerResult,
     PositionerSettings,
-    Seen,
 )
 
 CYCLE = 4_000_000
@@ -58,12 +58,12 @@ CHOICES = PositionerChoices(
 
 @dataclass
 class PositionerRig:
-    """``asked`` is changed by the test, ``step`` runs cycles. ``delay``: cycles from a setpoint to the drive's acknowledge."""
+    """``request`` is changed by the test, ``step`` runs cycles. ``delay``: cycles from a setpoint to the drive's acknowledge."""
 
     settings: PositionerSettings = SETTINGS
     blocks: tuple[Block, ...] = ()
     delay: int = 1
-    asked: Asked = field(default_factory=lambda: Asked(True, True, True))
+    request: PositionerRequest = field(default_factory=lambda: PositionerRequest(True, True, True))
     stop_at: int | None = None
     """A mechanical stop."""
 
@@ -80,43 +80,43 @@ class PositionerRig:
         self.step()
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> PositionerFeedback:
         return self.positioner.seen
 
     @property
-    def outcome(self) -> Outcome:
-        return self.positioner.outcome
+    def result(self) -> PositionerResult:
+        return self.positioner.result
 
     @property
     def position(self) -> int:
-        return self.outcome.position
+        return self.result.position
 
-    def step(self, cycles: int = 1, **changes: object) -> Outcome:
+    def step(self, cycles: int = 1, **changes: object) -> PositionerResult:
         """Change what is asked, then run cycles."""
         self._frames += 1
-        self.asked = replace(self.asked, controls=(self._frames,), **changes)  # type: ignore[arg-type]
+        self.request = replace(self.request, controls=(self._frames,), **changes)  # type: ignore[arg-type]
         for _ in range(cycles):
             self.now += CYCLE
-            outcome = self.positioner.step(self.asked, self.now)
-            self._execute(outcome.motion)
-            self._move(outcome.motion)
-        return self.outcome
+            result = self.positioner.step(self.request, self.now)
+            self._execute(result.motion)
+            self._move(result.motion)
+        return self.result
 
-    def settle(self, cycles: int = 4000) -> Outcome:
+    def settle(self, cycles: int = 4000) -> PositionerResult:
         """Run until the axis was at standstill for some cycles."""
         still = 0
         for _ in range(cycles):
             self.step()
             still = still + 1 if not self.speed else 0
             if still > 8 + self.delay:
-                return self.outcome
-        raise AssertionError(f"does not settle: {self.outcome}")
+                return self.result
+        raise AssertionError(f"does not settle: {self.result}")
 
     def home(self) -> None:
         """Set the reference point at the present position; from now on the software limits are active."""
         self.step(set_reference_point=True)
         self.step(30, set_reference_point=False, software_limits=True)
-        assert self.outcome.home_set
+        assert self.result.home_set
 
     def _execute(self, wish: Motion) -> None:
         seen = self.seen

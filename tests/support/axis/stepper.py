@@ -133,7 +133,7 @@ class Stepper(_Device):
 
     @property
     def home_position_set(self) -> bool:
-        return self._positioning.positioner.outcome.home_set
+        return self._positioning.positioner.result.home_set
 
 
 class EncoderStepper(_Device):

@@ -21,7 +21,7 @@ from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome
+from pdgw.gateway.motion.requests import HomingResult, Motion, PositionerRequest, PositionerResult
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
@@ -122,20 +122,20 @@ class MotionExecutor(Executor):
         """The axis has stopped, and no setpoint is on its way that the drive may still start: Halt may fall."""
         return self.stopped and self._taking.due(self.inputs.now)
 
-    def _stop_reached(self, asked: Asked) -> bool:
+    def _stop_reached(self, request: PositionerRequest) -> bool:
         """An intermediate stop of a traversing task has ended. With setting up, "target reached" may be that of its speed."""
-        if not asked.operating or asked.no_intermediate_stop or asked.jog_1 or asked.jog_2 or asked.homing:
+        if not request.operating or request.no_intermediate_stop or request.jog_1 or request.jog_2 or request.homing:
             return False
         return self.stopped and (self._mode.shows_base() or self.feedback.velocity_actual == 0)
 
-    def _cycle(self) -> Outcome:
+    def _cycle(self) -> PositionerResult:
         """Run one cycle: state of the axis, commands, Controlword and mode."""
         interlock, mode = self.interlock, self._mode
-        action, before = interlock.action, self.positioner.outcome.state
-        asked = self.demand.motion
-        assert asked is not None, "adapters of positioners set it in each step"
+        action, before = interlock.action, self.positioner.result.state
+        request = self.demand.motion
+        assert request is not None, "adapters of positioners set it in each step"
         operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[self.feedback.statusword & STATE_MASK]
-        asked.operating = operates
+        request.operating = operates
         if operates:
             self.outputs.reason = None
         mode.read()
@@ -143,11 +143,11 @@ class MotionExecutor(Executor):
         self._seen.standstill = self.inputs.standstill
         self._seen.internal_limit = self.feedback.statusword & StatusBit.INTERNAL_LIMIT != 0
         self._read_state()
-        outcome = self.positioner.step(asked, self.inputs.now)
+        result = self.positioner.step(request, self.inputs.now)
         self._blocked = False
         if operates:
             mode.asked = False
-            extra = self._execute(outcome.motion)
+            extra = self._execute(result.motion)
             if not mode.asked:
                 mode.cease()
             mode.halted = extra & HALT != 0
@@ -159,11 +159,11 @@ class MotionExecutor(Executor):
             mode.halted = self._halted = ramps
             extra = HALT if ramps else 0
             self.outputs.end_warnings(_STALLED)
-        if before is State.HOMING and outcome.state is not State.HOMING:
+        if before is State.HOMING and result.state is not State.HOMING:
             self._forget_homing()
         self.command.controlword = interlock.controlword | extra
         self.command.modes_of_operation = mode.mode
-        return outcome
+        return result
 
     def _read_state(self) -> None:
         """Read the state of the drive."""
@@ -202,7 +202,7 @@ class MotionExecutor(Executor):
         if outputs.reason is None:
             outputs.reason = reason
 
-    def _stand(self) -> int:
+    def _rest(self) -> int:
         """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
         if not self._stays_halted():
             if self._rests:
@@ -216,10 +216,10 @@ class MotionExecutor(Executor):
 
     def _stop(self) -> None:
         """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
-        self._seen.given = self.positioner.outcome.motion.serial
+        self._seen.given = self.positioner.result.motion.serial
         self._taking.withdraw()
         self._end_set_point()
-        self._settle()
+        self._end_stopped_setpoint()
         self._mode.abandon()
         self._forget_homing()
         self.command.target_velocity = 0
@@ -245,7 +245,7 @@ class MotionExecutor(Executor):
         self._bits = bits
         self._set_at = self.inputs.now
         self._taking.command(self.inputs.now, level=True)
-        self._settle()
+        self._end_stopped_setpoint()
 
     @property
     def _acknowledges(self) -> bool:
@@ -258,27 +258,27 @@ class MotionExecutor(Executor):
             self._await_acknowledge()
             return False
         self._seen.taken = self._seen.given
-        outcome = self.positioner.outcome
-        if outcome.warning is Reason.NOT_ACKNOWLEDGED:
-            outcome.warning = None
+        result = self.positioner.result
+        if result.warning is Reason.NOT_ACKNOWLEDGED:
+            result.warning = None
             self.outputs.end_warnings(_NOT_ACKNOWLEDGED)
         return True
 
-    def _settle(self) -> None:
+    def _end_stopped_setpoint(self) -> None:
         """The drive has no stopped setpoint any more."""
         self._halted = self._continued = False
         self.outputs.end_warnings(_MOVES)
 
     def _stays_halted(self) -> bool:
         """Without a function and after the fall of Halt: whether the drive continues what Halt has stopped."""
-        outcome, outputs = self.positioner.outcome, self.outputs
+        result, outputs = self.positioner.result, self.outputs
         if self._halted and not self._mode.halted and not self.stopped and self._mode.shows_base():
             self._continued = True
         if self._continued and not self._moved and not self.inputs.standstill:
-            outcome.warning = None
+            result.warning = None
             outputs.warn(FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}")
-        if self._moved and outcome.warning is None:
-            outcome.warning = Reason.MOVES_UNASKED
+        if self._moved and result.warning is None:
+            result.warning = Reason.MOVES_UNASKED
         return self._continued
 
     def _continues_in_base_mode(self) -> bool:
@@ -289,16 +289,16 @@ class MotionExecutor(Executor):
 
     def _await_acknowledge(self) -> None:
         """The drive has not taken the setpoint: a warning after ``ACKNOWLEDGE_NS``."""
-        statusword, outcome, inputs = self.feedback.statusword, self.positioner.outcome, self.inputs
+        statusword, result, inputs = self.feedback.statusword, self.positioner.result, self.inputs
         waits = not self._bits & ControlBit.CHANGE_IMMEDIATELY and not statusword & StatusBit.TARGET_REACHED
         if waits or self._mode.halted:
             self._set_at = inputs.now  # a drive may take it at the end of the motion (one buffer), or of Halt
         elif (
             inputs.now - self._set_at >= ACKNOWLEDGE_NS
-            and outcome.warning is not Reason.NOT_ACKNOWLEDGED
+            and result.warning is not Reason.NOT_ACKNOWLEDGED
             and not inputs.set_point_refused
         ):
-            outcome.warning = Reason.NOT_ACKNOWLEDGED
+            result.warning = Reason.NOT_ACKNOWLEDGED
             detail = f"607Ah = {self.command.target_position}, Statusword {statusword:04X}h, "
             detail += f"6061h = {self.feedback.modes_of_operation_display} after {ACKNOWLEDGE_NS / SECOND:g} s"
             self.outputs.warn(FaultNumber.NOT_ACKNOWLEDGED, detail)
@@ -334,7 +334,8 @@ class MotionExecutor(Executor):
             self._homing_ends(HomingResult.FAILED)
         elif progress is Progress.READY:
             seen.taken = seen.executing = motion.serial
-            self._settle()  # it has left the mode of the stopped setpoint; Halt would end CW.4, whose next rise is a second start
+            # The drive has left the mode of the stopped setpoint. Halt would end CW.4, whose next rise is a second start.
+            self._end_stopped_setpoint()
             return NEW_SETPOINT
         return self._halt_before_homing()
 

@@ -27,13 +27,13 @@ from pdgw.gateway.motion.blocks import BlockTable, BlockTask
 from pdgw.gateway.motion.positioner import HELD, Positioner
 from pdgw.gateway.motion.requests import (
     NOTHING,
-    Asked,
     HomingResult,
     MessageWord,
     Motion,
     MotionKind,
-    Outcome,
     PositionerChoices,
+    PositionerRequest,
+    PositionerResult,
     PositionerSettings,
 )
 from pdgw.gateway.motion.states import State as Function
@@ -69,7 +69,7 @@ class PositionerExecutor(MotionExecutor):
             raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
         super().__init__(records, Positioner(_settings(choices), BlockTable(choices.blocks)), _POSITION_MODE)
         self.choices: PositionerChoices = choices
-        self.report.motion = self.positioner.outcome
+        self.report.motion = self.positioner.result
         self._units: LengthUnits | None = None
         self._speed: Normalisation | None = None
         self._message: MessageWord | None = None
@@ -177,37 +177,37 @@ class PositionerExecutor(MotionExecutor):
         for position in answer.positions.values():
             self._seen.probe = units.to_length(position if self._ring is None else self._ring.near(position))
 
-    def _probe(self, asked: Asked) -> None:
+    def _probe(self, request: PositionerRequest) -> None:
         """Arm or disarm the probe of passive homing."""
         outputs, seen = self.outputs, self._seen
         seen.probe = None
         seen.probe_refused = False
-        armed = self.positioner.outcome.probe
-        outputs.probe = ProbeWish((2 * asked.probe_2 + asked.probe_falling,)) if armed else None
+        armed = self.positioner.result.probe
+        outputs.probe = ProbeWish((2 * request.probe_2 + request.probe_falling,)) if armed else None
 
     def step(self) -> Reason | None:
         units, speed, message, reason = self._units, self._speed, self._message, self.interlock.reason
         if units is None or speed is None or message is None:
             return reason
-        before = self.positioner.outcome.warning
-        outcome, feedback, outputs = self._cycle(), self.feedback, self.outputs
-        asked = self.positioner.asked
+        before = self.positioner.result.warning
+        result, feedback, outputs = self._cycle(), self.feedback, self.outputs
+        request = self.positioner.request
         if self._continued and not self.stopped:
-            outcome.reached = False
-        if outcome.probe is (outputs.probe is None):
-            self._probe(asked)
-        if asked.operating:
-            reason = outputs.reason or outcome.reason
+            result.reached = False
+        if result.probe is (outputs.probe is None):
+            self._probe(request)
+        if request.operating:
+            reason = outputs.reason or result.reason
             if reason is Reason.HOMING_ERROR:
                 reason = self.homing.failure
-        self._torque.follow(outcome.motion.torque if asked.operating else None)
-        if outcome.warning is not before:
-            self._warn(outcome.warning)
+        self._torque.follow(result.motion.torque if request.operating else None)
+        if result.warning is not before:
+            self._warn(result.warning)
         report = self.report
         report.speed = speed.to_wire(feedback.velocity_actual)
         report.length_speed = units.to_length_speed(feedback.velocity_actual)
-        report.flags = self._flags(outcome)
-        if self._shows_stop_reached and self._stop_reached(asked):
+        report.flags = self._flags(result)
+        if self._shows_stop_reached and self._stop_reached(request):
             report.flags |= _REACHED
         report.message = message_of(message, feedback, outputs)
         return reason
@@ -219,13 +219,13 @@ class PositionerExecutor(MotionExecutor):
             if warning is not None and warning not in HELD:
                 self.outputs.warn(FaultNumber.POSITIONER, warning.value)
 
-    def _flags(self, outcome: Outcome) -> int:
-        flags = _STANDING if outcome.standing else 0
-        if outcome.reached:
+    def _flags(self, result: PositionerResult) -> int:
+        flags = _STANDING if result.standing else 0
+        if result.reached:
             flags |= _REACHED
-        if outcome.home_set:
+        if result.home_set:
             flags |= _HOME_SET
-        if outcome.acknowledged:
+        if result.acknowledged:
             flags |= _TASK_ACKNOWLEDGED
         following_error = self.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
         return flags if following_error else flags | _WITHIN_TOLERANCE
@@ -238,7 +238,7 @@ class PositionerExecutor(MotionExecutor):
         statusword = feedback.statusword
         position, ring = feedback.position_actual, self._ring
         seen.position = units.to_length(position if ring is None else ring.follow(position))
-        torque = self.positioner.outcome.motion.torque
+        torque = self.positioner.result.motion.torque
         seen.torque_at_limit = torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (
             _AT_LIMIT - 1
         )
@@ -314,12 +314,12 @@ class PositionerExecutor(MotionExecutor):
 
     def _ramp_down(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
-        mode, outcome = self._mode, self.positioner.outcome
-        kept = outcome.state not in _WITHOUT_FUNCTION
+        mode, result = self._mode, self.positioner.result
+        kept = result.state not in _WITHOUT_FUNCTION
         if kept:
             self._set_at = -1
         else:
-            self._seen.given = outcome.motion.serial
+            self._seen.given = result.motion.serial
             self._end_set_point()
         if mode.mode == _VELOCITY_MODE:
             self.command.target_velocity = 0
@@ -329,7 +329,7 @@ class PositionerExecutor(MotionExecutor):
                 mode.request(mode.base)
             return 0
         if not kept:
-            return self._stand()
+            return self._rest()
         self._halted = True
         return HALT
 

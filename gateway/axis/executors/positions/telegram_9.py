@@ -16,7 +16,7 @@ from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
 from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.requests import NOTHING, Asked, HomingResult, Motion, MotionKind
+from pdgw.gateway.motion.requests import NOTHING, HomingResult, Motion, MotionKind, PositionerRequest
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.travel import Goal
 from pdgw.gateway.motion.units import Direction
@@ -66,24 +66,24 @@ class PositioningExecutor(MotionExecutor):
         scaling, reason = self._scaling, self.interlock.reason
         if scaling is None:
             return reason
-        outcome = self._cycle()
-        asked, feedback, report = self._mdi.asked, self.feedback, self.report
-        homes = outcome.state is _HOMING
+        result = self._cycle()
+        request, feedback, report = self._mdi.request, self.feedback, self.report
+        homes = result.state is _HOMING
         flags = _STANDING if self.inputs.standstill else 0
-        if asked.operating:
-            reason = self.outputs.reason or outcome.warning
-            waits = outcome.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
+        if request.operating:
+            reason = self.outputs.reason or result.warning
+            waits = result.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
-        if self._shows_stop_reached and self._stop_reached(asked):
+        if self._shows_stop_reached and self._stop_reached(request):
             flags |= _REACHED
-        if outcome.home_set:
+        if result.home_set:
             flags |= _HOME_SET
         if not homes:
-            of_the_task = outcome.motion.first <= self._seen.given
+            of_the_task = result.motion.first <= self._seen.given
             if self._acknowledges and of_the_task:
                 flags |= _TASK_ACKNOWLEDGED
-            report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and asked.mdi
+            report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and request.mdi
         report.flags = flags
         report.homing_method = self.homing.method
         report.position = scaling.position.to_wire(feedback.position_actual)
@@ -93,37 +93,37 @@ class PositioningExecutor(MotionExecutor):
 
     def require_homing(self, *, edge: bool) -> bool:
         """A method that the drive lacks starts nothing and sets the warning until homing is no longer requested."""
-        asked, outputs = self._mdi.asked, self.outputs
-        if not asked.homing:
-            if self.positioner.outcome.state is _IDLE:
+        request, outputs = self._mdi.request, self.outputs
+        if not request.homing:
+            if self.positioner.result.state is _IDLE:
                 outputs.end_warnings(TASK_WARNINGS)
         elif edge:
-            return self.homing.require_method(asked.homing_method)
+            return self.homing.require_method(request.homing_method)
         elif outputs.warned & TASK_WARNINGS:
             outputs.reason = Reason.HOMING_METHOD
         return False
 
-    def converted(self, asked: Asked) -> Goal:
+    def converted(self, request: PositionerRequest) -> Goal:
         """Convert a task to the drive's units."""
         scaling, limited = self._scaling, self.limited
         assert scaling is not None, "tasks start in operation, which needs the drive"
-        target = limited(scaling.position if asked.absolute else scaling.relative, asked.target)
-        velocity = limited(scaling.velocity, asked.velocity)
-        acceleration = limited(scaling.acceleration, asked.acceleration)
-        deceleration = limited(scaling.deceleration, asked.deceleration)
+        target = limited(scaling.position if request.absolute else scaling.relative, request.target)
+        velocity = limited(scaling.velocity, request.velocity)
+        acceleration = limited(scaling.acceleration, request.acceleration)
+        deceleration = limited(scaling.deceleration, request.deceleration)
         if scaling.one_ramp:
             acceleration = min(acceleration, deceleration)
         direction = Direction.SHORTEST
-        if asked.positive is not asked.negative:
-            direction = Direction.POSITIVE if asked.positive else Direction.NEGATIVE
-        distance = None if asked.absolute else target
+        if request.positive is not request.negative:
+            direction = Direction.POSITIVE if request.positive else Direction.NEGATIVE
+        distance = None if request.absolute else target
         return Goal(
             MotionKind.POSITION,
-            target if asked.absolute else self.feedback.position_actual + target,
+            target if request.absolute else self.feedback.position_actual + target,
             distance,
             *(velocity, acceleration, deceleration),
             direction=direction,
-            relative=self._turntable and not asked.absolute,
+            relative=self._turntable and not request.absolute,
         )
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
@@ -138,9 +138,9 @@ class PositioningExecutor(MotionExecutor):
 
     def _execute(self, motion: Motion) -> int:
         mdi, mode, outputs = self._mdi, self._mode, self.outputs
-        state, before = mdi.outcome.state, mdi.before
-        if before is _BRAKING or mdi.outcome.reason is not None:
-            outputs.reason = mdi.outcome.reason
+        state, before = mdi.result.state, mdi.before
+        if before is _BRAKING or mdi.result.reason is not None:
+            outputs.reason = mdi.result.reason
         if state is _HOMING:
             return self._home_as_asked(motion)
         if state is _BRAKING:
@@ -152,7 +152,7 @@ class PositioningExecutor(MotionExecutor):
                 outputs.end_warnings(TASK_WARNINGS)
             self._end_set_point()
             mode.abandon()
-        if state is _IDLE and before is _IDLE and self._stand():
+        if state is _IDLE and before is _IDLE and self._rest():
             return HALT
         goal = mdi.goal
         if goal is not None and motion.kind is MotionKind.STAND:
@@ -181,8 +181,8 @@ class PositioningExecutor(MotionExecutor):
 
     def _may_fall(self) -> bool:
         """CW.4 stays until the drive has taken the task and STW1.6 falls, or another task waits."""
-        asked = self._mdi.asked
-        return self._seen.taken == self._seen.given and (not asked.activate or self._mdi.waits)
+        request = self._mdi.request
+        return self._seen.taken == self._seen.given and (not request.activate or self._mdi.waits)
 
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
         """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
@@ -222,7 +222,7 @@ class PositioningExecutor(MotionExecutor):
 
     def _homing_ends(self, result: HomingResult) -> None:
         super()._homing_ends(result)
-        self.positioner.outcome.home_set = result is HomingResult.ATTAINED
+        self.positioner.result.home_set = result is HomingResult.ATTAINED
 
     def _home_as_asked(self, motion: Motion) -> int:
         """Homing with method and velocity of its edge; CW.4 stays after its end until STW1.11 falls."""
