@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pdgw.ds301.communication import EMCY, ERROR_CONTROL, SDO_RESPONSE
 from pdgw.dsp402.states import state_of
+from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.peers.drive import SimulatedDriveNode
@@ -16,9 +18,13 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import Direction, Telegram
 from tests.support.axis.strategies import axes_values
+from tests.support.gateways import daemon as plant
 
 CYCLE = 4_000_000
 PEER = ("127.0.0.1", 40000)
+ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 2\ntelegram = 81\nsimulate = true\n"
+FROM_NODES = (EMCY, 0x180, 0x280, 0x380, 0x480, SDO_RESPONSE, ERROR_CONTROL)
+"""Bases of what a node sends."""
 
 
 @st.composite
@@ -84,3 +90,25 @@ def test_simulated_drive_survives_any_frames(frames: list[tuple[int, bytes, int]
     now += 1_000_000
     node.poll(now)
     assert state_of(node.model.statusword) is not None
+
+
+@settings(max_examples=settings().max_examples // 4)
+@given(
+    frames=st.lists(
+        st.tuples(st.sampled_from(FROM_NODES), st.integers(1, 3), st.binary(max_size=8), st.integers(0, 20)),
+        min_size=1,
+        max_size=40,
+    ),
+    started=st.booleans(),
+)
+def test_gateway_survives_any_frames_of_its_nodes(frames: list[tuple[int, int, bytes, int]], *, started: bool) -> None:
+    """An exception in the receiver of a frame would end the loop, and with it the gateway."""
+    with plant.running(plant.configuration(plant.axis(1) + ENCODER)) as daemon:
+        world = plant.world_of(daemon)
+        if started:
+            plant.Plc(daemon, [1, 81]).enable()
+        stranger = world.bus("world").join("stranger", len(frames))
+        for base, node_id, data, wait in frames:
+            stranger.send(base + node_id, data)
+            world.loop.run_for(wait * MS)
+        world.loop.run_for(100 * MS)
