@@ -38,17 +38,16 @@ def axis_table(number: int, channel: str, more: str = "") -> str:
 
 
 class Plant:
-    """``tables``: the buses and axes of the configuration. ``play`` runs a sequence as a task beside the gateway."""
+    """``tables``: the buses and axes of the configuration; ``plc``: the PLC's address; ``listen``: further keys of the transport.
+    ``play`` runs a sequence as a task beside the gateway."""
 
-    def __init__(self, *tables: str) -> None:
-        transport = (
-            f"cyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\nwatchdog_factor = 100\n"
-        )
+    def __init__(self, *tables: str, plc: str = "127.0.0.1", listen: str = "watchdog_factor = 100\n") -> None:
+        transport = f"cyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\n{listen}"
         self.config = parse_config("\n".join((*tables, f"[transport]\n{transport}")))
         self.daemon = build_gateway(self.config, UnhurriedPlatform())
         self.loop = self.daemon.loop
         self.plc = PlcEndpoint([telegram(1)] * len(self.config.axis), CYCLE_MS * MS)
-        self._port = UdpSocket(self.loop, "127.0.0.1", 0, "PLC")
+        self._port = UdpSocket(self.loop, plc, 0, "PLC")
         self._drives: list[SimulatedDrive] = []
 
     # -- around the gateway -----------------------------------------------------------------------------------------------
