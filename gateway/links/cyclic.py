@@ -397,8 +397,10 @@ class CyclicEndpoint:
             self.setpoints[index] = None
 
     def _lose(self) -> None:
-        if self._refused is not None:
+        if self._refused is not None and self._refused_at - self._last_time > self._watchdog_ns >> 1:
             self.losses.add(self._read_at, 0, self.why_refused(*self._refused))
+        else:
+            self._refused = None  # a copy, or a frame that others have overtaken; silence is the cause
         self.connected = False
         self.new_frames.lose()
         self.watchdog_expiries += 1

@@ -350,6 +350,23 @@ def test_pause_of_the_plc_is_one_loss_also_if_a_frame_shows_it_first() -> None:
         assert (endpoint.finding() is None) == (pauses < 3)
 
 
+def test_silence_after_a_copy_of_the_last_frame_is_not_the_fault_of_the_copy() -> None:
+    """A network that repeats frames, and then a pulled cable."""
+    endpoint = device()
+    connect(endpoint)
+    assert endpoint.receive(frame(), PLC, CYCLE // 2) is Verdict.STALE
+    assert endpoint.poll(4 * CYCLE)
+    assert endpoint.finding() is None
+    counting = device()
+    connect(counting)
+    for number in range(1, 4):
+        assert counting.receive(frame(), PLC, number * CYCLE) is Verdict.STALE
+    assert counting.poll(4 * CYCLE)
+    finding = counting.finding()
+    assert finding is not None
+    assert finding.reason is Reason.FRAME_COUNTER
+
+
 def test_frames_that_did_not_count_are_no_longer_named_when_none_come() -> None:
     endpoint = device()
     endpoint.receive(frame()[:-1], PLC, SECOND)
