@@ -26,12 +26,12 @@ class LoopThread:
 
     def __init__(self, name: str) -> None:
         self.loop = SystemLoop()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        self._runner = threading.Thread(target=self._run, name=name, daemon=True)
+        self._runner.start()
 
     def call(self, action: Callable[[], T]) -> T:
         """Run an action on the loop and wait for it, from any thread. Return its result or raise its exception."""
-        if threading.current_thread() is self._thread:
+        if threading.current_thread() is self._runner:
             return action()
         future: Future[T] = Future()
         self.loop.call_threadsafe(lambda: resolve(future, action, BaseException))
