@@ -70,7 +70,8 @@ COMPILED = (
 )
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's,
 an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
-a default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
+a default, a constant tuple of floats, bytes with a slice from a constant. A constant is ``Final``, or it is
+looked up by its name in every cycle."""
 SOAK = (
     "gateway/sync.py",
     "peers/drive/model/[!_]*.py",

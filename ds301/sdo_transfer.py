@@ -16,8 +16,6 @@ from pdgw.ds301.aborts import Abort, abort_text
 FRAME_SIZE: Final = 8
 SEGMENT_SIZE: Final = 7
 EXPEDITED_SIZE: Final = 4
-ADDRESS: Final = slice(1, 4)
-"""Index and sub-index in the frames that name an object."""
 COMMAND: Final = 0xE0
 """The command of a frame; commands of the client and of the server have the same numbers."""
 SEGMENT: Final = 0x00
@@ -66,6 +64,11 @@ class SdoAbortedError(Exception):
 
 class SdoCommunicationError(Exception):
     """An access without an answer, or with one that breaks the protocol."""
+
+
+def named_object(frame: bytes) -> bytes:
+    """Index and sub-index in a frame that names an object, as its bytes."""
+    return frame[1:4]
 
 
 def address_of(index: int, subindex: int) -> bytes:
@@ -261,7 +264,7 @@ class Transfer(abc.ABC):
     def __init__(self, index: int, subindex: int, request: bytes, timeout_ns: int, limit_ns: int = _NEVER) -> None:
         self.index = index
         self.subindex = subindex
-        self.address = request[ADDRESS]
+        self.address = named_object(request)
         self.request = request
         self._timeout_ns = timeout_ns
         """For each answer of the server."""
@@ -292,11 +295,11 @@ class Transfer(abc.ABC):
             self.broken = f"{len(frame)} bytes, {FRAME_SIZE} expected"
             return []
         if frame[0] == ABORT:
-            if frame[ADDRESS] in (self.address, _UNNAMED):
+            if named_object(frame) in (self.address, _UNNAMED):
                 self.code = int.from_bytes(frame[4:], "little")
                 self.ended = True
             return []
-        if not self._begun and frame[ADDRESS] != self.address:
+        if not self._begun and named_object(frame) != self.address:
             return []
         try:
             frames = self._continue(frame)
@@ -458,7 +461,7 @@ class SdoServer:
         raise SdoAbortedError(Abort.INVALID_COMMAND)
 
     def _begin_upload(self, frame: bytes) -> bytes:
-        self._address = address = frame[ADDRESS]
+        self._address = address = named_object(frame)
         data = self._objects.get_data(*object_of(address), check_readable=True)
         if not data:
             raise SdoAbortedError(Abort.NO_DATA)
@@ -470,7 +473,7 @@ class SdoServer:
         return source.first(BLOCK_SOURCE, address)
 
     def _begin_download(self, frame: bytes) -> bytes:
-        self._address = address = frame[ADDRESS]
+        self._address = address = named_object(frame)
         sink = Sink()
         self._source, self._sink = None, sink
         sink.first(frame)

@@ -127,7 +127,7 @@ BUDGET = {
     "profinet.connection": 6828,
     "profinet.discovery": 7075,
     "profinet.records": 4444,
-    "ds301": 7732,
+    "ds301": 7739,
     "ds301.loop": 4451,
     "ds301.bus": 6671,
     "ds301.eds": 6729,

@@ -19,13 +19,13 @@ from pdgw.ds301.node.doubles import SecondAnswers
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.sdo_transfer import (
     ABORT,
-    ADDRESS,
     EXPEDITED_SIZE,
     Download,
     SdoAbortedError,
     SdoCommunicationError,
     Transfer,
     Upload,
+    named_object,
 )
 from pdgw.durations import MS, SECOND
 
@@ -256,7 +256,7 @@ class SdoAccess:
         if transfer is None:
             return
         if transfer.ended:
-            self.answers_late = self.answers_late or frame[ADDRESS] == transfer.address
+            self.answers_late = self.answers_late or named_object(frame) == transfer.address
             self._has_answered()
             return
         self._send(transfer.take(frame, now))
