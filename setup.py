@@ -35,7 +35,6 @@ COMPILED = (
     "ds301/node/node.py",
     "ds301/node/sdo.py",
     "ds301/pdo.py",
-    "ds301/sdo_transfer.py",
     "dsp402/drive/client.py",
     "dsp402/drive/images.py",
     "dsp402/drive/checks.py",
@@ -68,10 +67,10 @@ COMPILED = (
     "profinet/device.py",
     "profinet/ethernet.py",
 )
-"""Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's,
-an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
-a default, a constant tuple of floats, bytes with a slice from a constant. A constant is ``Final``, or it is
-looked up by its name in every cycle."""
+"""Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's, an
+interpreted class derived from a compiled one, a value of another type than declared, ``...`` as a default, a constant tuple of
+floats, bytes with a slice from a constant, two handlers of compiled exceptions with one name (so ``ds301/sdo_transfer.py`` is not
+compiled). A constant is ``Final``, or it is looked up by its name in every cycle."""
 SOAK = (
     "gateway/sync.py",
     "peers/drive/model/[!_]*.py",
