@@ -1,4 +1,4 @@
-"""The one error root of this package."""
+"""SDO abort codes with their texts, and the error root of this package."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The pre-defined connection set: COB-IDs of the services of CiA 301, declared once. Those of PDOs are in ``ds301.pdo``.
-
-Source: CiA DS 301 V4.02 chapter 7.3.5. A base plus the node-ID is the COB-ID of that node's service.
-"""
+"""COB-IDs, NMT states and commands, and the communication objects (1000h-1FFFh)."""
 
 from __future__ import annotations
 
@@ -12,6 +9,11 @@ from typing import Final
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+
+# The pre-defined connection set: COB-IDs of the services of CiA 301, declared once. Those of PDOs are in ``ds301.pdo``.
+#
+# Source: CiA DS 301 V4.02 chapter 7.3.5. A base plus the node-ID is the COB-ID of that node's service.
+
 
 NODE_IDS: Final = range(1, 128)
 

@@ -1,4 +1,4 @@
-"""The one error root of this package."""
+"""The type of a drive as one value, its faults, and the error root of this package."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Indices of CiA 402 objects that are used by name. Objects with a value in an image are found by its attribute.
-
-Source: CiA 402-2.
-"""
+"""The object catalogue of CiA 402 drives, and the indices of objects that are used by name."""
 
 from __future__ import annotations
 
@@ -11,6 +8,11 @@ from typing import Final
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array, var
+
+# Indices of CiA 402 objects that are used by name. Objects with a value in an image are found by its attribute.
+#
+# Source: CiA 402-2.
+
 
 ABORT_OPTION: Final = 0x6007
 VL_TARGET_VELOCITY: Final = 0x6042

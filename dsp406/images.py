@@ -1,8 +1,4 @@
-"""PDO layouts of encoders: one TPDO per channel, with the values the device can map.
-
-Source: CiA DSP 406 V2.0 chapter 7; 1800h is used without SYNC (type 254, cyclic timer), 1802h with SYNC (type 1). The profile
-maps the position alone; speed, area and cam state are added where the device says that they can be mapped.
-"""
+"""Values of an encoder, and its PDO layouts."""
 
 from __future__ import annotations
 
@@ -29,6 +25,12 @@ from pdgw.dsp406.objects import (
     UNITS_PER_REVOLUTION,
     ProfileObject,
 )
+
+# PDO layouts of encoders: one TPDO per channel, with the values the device can map.
+#
+# Source: CiA DSP 406 V2.0 chapter 7; 1800h is used without SYNC (type 254, cyclic timer), 1802h with SYNC (type 1). The
+# profile maps the position alone; speed, area and cam state are added where the device says that they can be mapped.
+
 
 _ROWS: dict[int, ProfileObject] = {row.index: row for row in PROFILE}
 _FURTHER = (SPEED, AREA_STATE, CAM_STATE)

@@ -1,4 +1,4 @@
-"""The one error root of this package."""
+"""Kinds of encoders, the bits of their registers, what they put out, and the error root of this package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one error root of this package."""
+"""The error root of this package, and the format versions of its files."""
 
 from __future__ import annotations
 

@@ -1,11 +1,4 @@
-"""Non-volatile gateway parameters in a crash-safe file.
-
-Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of the
-device. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The file is JSON with
-a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is in force when it
-is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters (the drive
-stores its own, 1010h).
-"""
+"""Non-volatile parameters of the gateway, and the units that a person has confirmed."""
 
 from __future__ import annotations
 
@@ -23,6 +16,15 @@ from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.dsp402.drive_type import Scaling
 from pdgw.files import read_file
 from pdgw.gateway.errors import GatewayError, at_most, problem
+
+# Non-volatile gateway parameters in a crash-safe file.
+#
+# Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of the
+# device. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The file is JSON
+# with a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is in force
+# when it is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters
+# (the drive stores its own, 1010h).
+
 
 _STORE_MAX = 16 << 20
 """Bytes; the values of an axis take some kilobytes."""

@@ -1,8 +1,4 @@
-"""Sign of life between controller and device: bits 12-15 of STW2/ZSW2 and STW2_ENC/ZSW2_ENC, in both directions.
-
-Source: PROFIdrive profile 4.1 (controller and device sign of life, P925), the encoder profile. Not here: the relation of the
-controller's application cycle to the bus cycle; one ``step`` is one application cycle.
-"""
+"""The cyclic frame and its layout, and the sign of life of both sides."""
 
 from __future__ import annotations
 
@@ -13,6 +9,12 @@ from typing import Final
 
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import Direction, Telegram, TelegramHalf
+
+# Sign of life between controller and device: bits 12-15 of STW2/ZSW2 and STW2_ENC/ZSW2_ENC, in both directions.
+#
+# Source: PROFIdrive profile 4.1 (controller and device sign of life, P925), the encoder profile. Not here: the relation of
+# the controller's application cycle to the bus cycle; one ``step`` is one application cycle.
+
 
 HIGHEST = 15
 """The counter runs 1..15; 0 means that the sender has none, or lost it."""

@@ -1,7 +1,4 @@
-"""P979, the sensor format: how the position values of up to six sensors are to be read.
-
-Source: PROFIdrive profile 4.1 "sensor format" (structure version 1.2), encoder profile; docs/parameter-channel.md P979.
-"""
+"""Reference marks, measurement on the fly, and P979, the sensor format."""
 
 from __future__ import annotations
 
@@ -12,6 +9,11 @@ from typing import Final
 
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import signal
+
+# P979, the sensor format: how the position values of up to six sensors are to be read.
+#
+# Source: PROFIdrive profile 4.1 "sensor format" (structure version 1.2), encoder profile; docs/parameter-channel.md P979.
+
 
 ELEMENTS = 31
 """Unsigned32 elements of P979: a header and six sensors."""

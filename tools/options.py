@@ -1,4 +1,4 @@
-"""Parse addresses typed by the user."""
+"""Options that commands share, and what they need of terminal and signals."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from typing import Annotated, Final
 import typer
 
 from pdgw.gateway.errors import GatewayError
+
+# Parse addresses typed by the user.
 
 
 def parse_address(text: str, default_port: int) -> tuple[str, int]:

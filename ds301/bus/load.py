@@ -1,8 +1,4 @@
-"""The bus load planner: worst-case frames and bit times of a configuration.
-
-Source: CiA 301 / Bosch CAN 2.0A: a standard data frame has 47 + 8n bits; in the worst case a stuff bit follows every four
-of the 34 + 8n bits that are subject to stuffing. So 8 bytes take 111 to 135 bit times.
-"""
+"""Load of a bus and worst-case response times of its frames."""
 
 from __future__ import annotations
 
@@ -12,6 +8,12 @@ from typing import Final
 
 from pdgw.ds301.aborts import CanopenError
 from pdgw.durations import SECOND
+
+# The bus load planner: worst-case frames and bit times of a configuration.
+#
+# Source: CiA 301 / Bosch CAN 2.0A: a standard data frame has 47 + 8n bits; in the worst case a stuff bit follows every four
+# of the 34 + 8n bits that are subject to stuffing. So 8 bytes take 111 to 135 bit times.
+
 
 DEFAULT_BITRATE: Final = 1_000_000
 """Default bit rate of a bus."""

@@ -1,4 +1,4 @@
-"""Opening a python-can bus, with errors a user can act on."""
+"""The gateway's end of a CAN bus: opening it, sending, receiving."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ from pdgw.ds301.bus.can_frame import (
 )
 from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import US
+
+# Opening a python-can bus, with errors a user can act on.
 
 
 def system_text(error: OSError, channel: object, bitrate: int | None = None) -> str:

@@ -1,4 +1,4 @@
-"""The data sheet of a node: its object dictionary from an EDS or DCF, with errors a user can act on."""
+"""The data sheet of a node, and the import of EDS and DCF files."""
 
 from __future__ import annotations
 
@@ -32,6 +32,9 @@ from pdgw.ds301.eds.writer import Texts, object_lists, object_texts, text_of
 from pdgw.ds301.objects import COMMUNICATION_AREA
 from pdgw.ds301.pdo import PDOS_MAX, PdoDirection, is_communication_parameter, is_mapping_parameter
 from pdgw.files import read_file
+
+# The data sheet of a node: its object dictionary from an EDS or DCF, with errors a user can act on.
+
 
 log = logging.getLogger("gateway")
 

@@ -1,4 +1,4 @@
-"""Turns: a limited number of tasks at a time, in the order of their requests."""
+"""Jobs for the task of a node, and turns that limit how many tasks work at a time."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from functools import partial
 from typing import Any, TypeVar
 
 from pdgw.ds301.loop.loop import Event, Loop
+
+# Turns: a limited number of tasks at a time, in the order of their requests.
 
 
 class Turns:

@@ -1,7 +1,4 @@
-"""The mode of operation of a drive: written to 6060h and checked in 6061h, which some drives show in operation only.
-
-Source: CiA 402-2 (modes of operation). For the node's task.
-"""
+"""Checks of a drive in operation: mode of operation, TPDOs, units."""
 
 from __future__ import annotations
 
@@ -26,6 +23,11 @@ from pdgw.dsp402.pdo.planner import DriveMapping
 from pdgw.dsp402.states import State, state_of
 from pdgw.dsp402.units.units import UnitWatch
 from pdgw.durations import MS, SECOND
+
+# The mode of operation of a drive: written to 6060h and checked in 6061h, which some drives show in operation only.
+#
+# Source: CiA 402-2 (modes of operation). For the node's task.
+
 
 _SPEED_MODES: Final = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
 _NO_MODE: Final = 0

@@ -1,7 +1,4 @@
-"""Required SDO writes of a drive besides its PDOs (``ds301.configuration``): the guarding.
-
-Source: docs/translation.md "Losses".
-"""
+"""Guarding in both directions, and the SDO writes that it requires."""
 
 from __future__ import annotations
 
@@ -22,6 +19,10 @@ from pdgw.ds301.objects import CanType
 from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import ABORT_OPTION, INTERPOLATION_TIME
+
+# Required SDO writes of a drive besides its PDOs (``ds301.configuration``): the guarding.
+#
+# Source: docs/translation.md "Losses".
 
 
 def interpolation_steps(period_us: int) -> list[SdoStep]:

@@ -1,4 +1,4 @@
-"""Identify a drive by SDO uploads; nothing is written. Source: CiA 301 (SDO upload), CiA 402."""
+"""Identify and describe a CiA 402 drive without a data sheet."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ from pdgw.dsp402.identification.overlay import families_of, overlay, overlay_for
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
 from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
 from pdgw.dsp402.units.mechanics import UnitKeys
+
+# Identify a drive by SDO uploads; nothing is written. Source: CiA 301 (SDO upload), CiA 402.
 
 
 def probe(

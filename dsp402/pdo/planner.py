@@ -1,11 +1,4 @@
-"""Plans the PDOs of a drive: what its owner needs, put into what this drive has.
-
-Source: CiA DS 301 (PDO parameters), CiA 402 (pre-defined PDOs), docs/translation.md "PDO layouts". Pure: the data sheet's part
-is in the ``DriveType``, what the device itself has answered since is ``Findings``. Left out: bit-granular mappings.
-
-The Controlword is the last object of its RPDO and its RPDO the last that is sent: a drive that applies objects in the order of
-the mapping would start toward the previous target.
-"""
+"""The plan of a drive's PDOs, and its inputs during configuration."""
 
 from __future__ import annotations
 
@@ -22,6 +15,15 @@ from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, PdoSlot
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 from pdgw.dsp402.pdo.layouts import without
+
+# Plans the PDOs of a drive: what its owner needs, put into what this drive has.
+#
+# Source: CiA DS 301 (PDO parameters), CiA 402 (pre-defined PDOs), docs/translation.md "PDO layouts". Pure: the data sheet's
+# part is in the ``DriveType``, what the device itself has answered since is ``Findings``. Left out: bit-granular mappings.
+#
+# The Controlword is the last object of its RPDO and its RPDO the last that is sent: a drive that applies objects in the order
+# of the mapping would start toward the previous target.
+
 
 Key = tuple[PdoDirection, int]
 """Direction and number of a PDO."""

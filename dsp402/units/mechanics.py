@@ -1,7 +1,4 @@
-"""What a configuration and the overlay of a family say about the units of a drive; ``scaling`` makes its scaling of them.
-
-Source: docs/devices.md.
-"""
+"""The mechanics of a drive in its units, and the keys that describe them."""
 
 from __future__ import annotations
 
@@ -14,6 +11,10 @@ from pdgw.ds301.objects import ObjectAddress
 from pdgw.dsp402 import objects
 from pdgw.dsp402.units.units import Kind, Unit, dimension_unit, parse_unit, si_unit
 from pdgw.durations import SECONDS_PER_MINUTE
+
+# What a configuration and the overlay of a family say about the units of a drive; ``scaling`` makes its scaling of them.
+#
+# Source: docs/devices.md.
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,4 @@
-"""Objects of a drive to read again in operation: those that define its units, and its position if no TPDO contains it.
-
-Another tool may write a unit object at any time; then the drive turns faster than commanded. Source: docs/devices.md.
-"""
+"""Units as exact fractions, and the objects that are read again to watch them."""
 
 from __future__ import annotations
 
@@ -16,6 +13,11 @@ from pdgw.ds301.objects import ObjectAddress
 from pdgw.dsp402 import objects
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.durations import MS, SECOND
+
+# Objects of a drive to read again in operation: those that define its units, and its position if no TPDO contains it.
+#
+# Another tool may write a unit object at any time; then the drive turns faster than commanded. Source: docs/devices.md.
+
 
 _FAST_NS: Final = 50 * MS
 _BEGINNING_NS: Final = 2 * SECOND

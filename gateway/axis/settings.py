@@ -1,7 +1,4 @@
-"""Scaling of a drive that a telegram requires: the quantities whose fractions its signals are.
-
-Source: docs/devices.md "What each signal needs". A signal in the drive's own units needs no 100 %.
-"""
+"""The user's choices for an axis, and the scaling that its telegram requires."""
 
 from __future__ import annotations
 
@@ -19,6 +16,11 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.frame import MONITORING_OFF
 from pdgw.profidrive.signals import Signal, SignalQuantity
 from pdgw.profidrive.telegrams import Telegram
+
+# Scaling of a drive that a telegram requires: the quantities whose fractions its signals are.
+#
+# Source: docs/devices.md "What each signal needs". A signal in the drive's own units needs no 100 %.
+
 
 _REFERENCES = {
     SignalQuantity.SPEED: Quantity.SPEED,

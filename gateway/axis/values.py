@@ -1,8 +1,4 @@
-"""Whether the drive shows something in answer to a command, or since before it.
-
-A command and the word that answers it are under way for up to ``AxisSettings.latency_ns``. Until then, a word can be older than
-the command. It is an answer earlier only if the drive has shown something else since the command.
-"""
+"""Values of a step of an axis, and whether a value is an answer to a command."""
 
 from __future__ import annotations
 
@@ -15,6 +11,11 @@ from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
+
+# Whether the drive shows something in answer to a command, or since before it.
+#
+# A command and the word that answers it are under way for up to ``AxisSettings.latency_ns``. Until then, a word can be older
+# than the command. It is an answer earlier only if the drive has shown something else since the command.
 
 
 class Answer:

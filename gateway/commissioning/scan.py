@@ -1,4 +1,4 @@
-"""A first configuration of what a scan has found: the keys that have no default, and as comments what a person must decide."""
+"""Scan of an unconfigured bus, and a first configuration of what it has found."""
 
 from __future__ import annotations
 
@@ -47,6 +47,9 @@ from pdgw.gateway.configuration.devices import EncoderModel
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.gateway.errors import GatewayError
+
+# A first configuration of what a scan has found: the keys that have no default, and as comments what a person must decide.
+
 
 _NEXT = "# Written by pdgw bus scan. Next: pdgw config check, pdgw axis test 1, pdgw run, each with the name of this file.\n"
 _TRANSPORT = """\

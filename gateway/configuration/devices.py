@@ -1,4 +1,4 @@
-"""The telegrams of a user's own: ``[[telegram]]``."""
+"""Tables of a configuration for telegrams, encoders and positioners."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ from pdgw.gateway.motion.blocks import (
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
+
+# The telegrams of a user's own: ``[[telegram]]``.
 
 
 class TelegramConfig(Section):

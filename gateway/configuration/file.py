@@ -1,4 +1,4 @@
-"""The commented example of a configuration, and the one of a simulation."""
+"""The configuration as a file, and its examples."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ from pdgw.gateway.configuration.toml_file import parse_toml, problem_text, read_
 from pdgw.gateway.configuration.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import default_store
+
+# The commented example of a configuration, and the one of a simulation.
 
 
 def example() -> str:

@@ -1,7 +1,4 @@
-"""Filters in the kernel (classic BPF, Linux), so that frames for others cost the exchange nothing.
-
-Source: linux/filter.h. A program is a sequence of instructions; a packet for which it returns 0 is dropped.
-"""
+"""The UDP edge, and the filters in the kernel for sockets."""
 
 from __future__ import annotations
 
@@ -17,6 +14,11 @@ from typing import Final
 from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
+
+# Filters in the kernel (classic BPF, Linux), so that frames for others cost the exchange nothing.
+#
+# Source: linux/filter.h. A program is a sequence of instructions; a packet for which it returns 0 is dropped.
+
 
 Instruction = tuple[int, int, int, int]
 """Code, jump if true, jump if false, operand."""

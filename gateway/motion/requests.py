@@ -1,7 +1,4 @@
-"""Torque reduction and the message word of the drive telegrams: MOMRED and MELDW from and to values of CiA 402.
-
-Source: drive manuals (one source for the bits of MELDW, none for the scaling of MOMRED: docs/telegrams.md "Sources").
-"""
+"""Inputs and outputs of the positioner, MOMRED and MELDW."""
 
 from __future__ import annotations
 
@@ -14,6 +11,11 @@ from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
 from pdgw.profidrive.signals import signal
+
+# Torque reduction and the message word of the drive telegrams: MOMRED and MELDW from and to values of CiA 402.
+#
+# Source: drive manuals (one source for the bits of MELDW, none for the scaling of MOMRED: docs/telegrams.md "Sources").
+
 
 _MELDW = signal("MELDW")
 _RAMP_COMPLETED = _MELDW.bit("RAMP_COMPLETED").mask

@@ -1,8 +1,4 @@
-"""Modulo correction: positions of a rotary axis that wrap after a range, and the way to a position.
-
-Source: modulo axes of public basic positioners (docs/motion.md). A ``Ring`` counts a drive's position beyond its wrap, at 607Bh
-or at 32 bit. Pure; integers in any unit.
-"""
+"""Length units (LU), and the modulo correction of rotary axes."""
 
 from __future__ import annotations
 
@@ -13,6 +9,11 @@ from fractions import Fraction
 from pdgw.durations import SECONDS_PER_MINUTE
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import N2_100_PERCENT
+
+# Modulo correction: positions of a rotary axis that wrap after a range, and the way to a position.
+#
+# Source: modulo axes of public basic positioners (docs/motion.md). A ``Ring`` counts a drive's position beyond its wrap, at
+# 607Bh or at 32 bit. Pure; integers in any unit.
 
 
 class Direction(IntEnum):

@@ -1,7 +1,4 @@
-"""Touch probe of a drive, by SDO: arm it, poll it, read the latched value (``Outputs.probe``).
-
-The drive latches the position itself, so the time of reading does not matter. Source: CiA 402-2, 60B8h to 60BDh.
-"""
+"""The touch probe of a drive, and an encoder of its own as G1 or G2 of an axis."""
 
 from __future__ import annotations
 
@@ -21,6 +18,11 @@ from pdgw.gateway.axis.values import News, PresetAnswer, ProbeAnswer, ProbeWish,
 from pdgw.gateway.objects.drive_object import log
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.profidrive.measuring import SensorFormat
+
+# Touch probe of a drive, by SDO: arm it, poll it, read the latched value (``Outputs.probe``).
+#
+# The drive latches the position itself, so the time of reading does not matter. Source: CiA 402-2, 60B8h to 60BDh.
+
 
 _log = logging.getLogger("gateway")
 

@@ -1,4 +1,4 @@
-"""Which parameter or CANopen object carries a signal: P923."""
+"""CANopen objects as parameters, and the object that carries a signal (P923)."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.description import Description, Pnu
 from pdgw.profidrive.parameters.model import converted
 from pdgw.profidrive.signals import signal
+
+# Which parameter or CANopen object carries a signal: P923.
 
 
 def _index(attribute: str) -> int:

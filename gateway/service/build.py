@@ -1,7 +1,4 @@
-"""Which build of the package runs: its version, whether its cyclic path is compiled, and the interpreter.
-
-A pure build takes about twice the time of a compiled one for a cycle, so each log, status and measurement says which it was.
-"""
+"""Which build of the package runs, and what it was measured with."""
 
 from __future__ import annotations
 
@@ -15,6 +12,12 @@ from typing import Final
 
 from pdgw import __version__
 from pdgw.phrases import counted
+
+# Which build of the package runs: its version, whether its cyclic path is compiled, and the interpreter.
+#
+# A pure build takes about twice the time of a compiled one for a cycle, so each log, status and measurement says which it
+# was.
+
 
 _HOT: Final = "pdgw.gateway.links.cyclic"
 """A module that every compiled build has compiled."""

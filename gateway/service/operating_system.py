@@ -1,8 +1,4 @@
-"""Real-time scheduling of the gateway's process, if the operating system grants it.
-
-The exchange runs with a real-time priority (SCHED_FIFO), unless the process was started with another policy. A refusal is
-logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available.
-"""
+"""What the gateway uses of the operating system: real-time scheduling, the service manager."""
 
 from __future__ import annotations
 
@@ -14,6 +10,12 @@ from typing import Final
 
 from pdgw.ds301.counters import Counters
 from pdgw.durations import US
+
+# Real-time scheduling of the gateway's process, if the operating system grants it.
+#
+# The exchange runs with a real-time priority (SCHED_FIFO), unless the process was started with another policy. A refusal is
+# logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available.
+
 
 DEFAULT_PRIORITY: Final = 40
 """Below the threads of the kernel that serve network and CAN (50)."""

@@ -1,8 +1,4 @@
-"""Values of the gateway as JSON with named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them.
-
-A value has the name of its class, so a recording does not depend on the module that defines it. A reader ignores a field that
-this version does not have, and gives a new one its default.
-"""
+"""Steps of drive objects as bytes, and values of the gateway as JSON."""
 
 from __future__ import annotations
 
@@ -23,6 +19,12 @@ from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.trace.pcapng import GROUPS, HAS_EVENTS, LENGTH, MASK, NO_SETPOINTS, TracedObject
+
+# Values of the gateway as JSON with named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them.
+#
+# A value has the name of its class, so a recording does not depend on the module that defines it. A reader ignores a field
+# that this version does not have, and gives a new one its default.
+
 
 _KIND: Final = ""
 """Key of the kind of a value that JSON does not have."""

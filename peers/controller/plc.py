@@ -1,4 +1,4 @@
-"""The IO controller on an Ethernet interface, with the machine's clock."""
+"""The IO controller on an Ethernet interface, and the PLC simulator with it."""
 
 from __future__ import annotations
 
@@ -31,6 +31,9 @@ from pdgw.profinet.model import (
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.station import Identity, IpSuite, Station
 from pdgw.tools.client.udp import ParameterClient
+
+# The IO controller on an Ethernet interface, with the machine's clock.
+
 
 _WAIT_NS = 100 * MS
 

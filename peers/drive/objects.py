@@ -1,4 +1,4 @@
-"""Facts of the simulated drive from the overlay of the ENGEL-like drive: modes, homing methods, fault numbers."""
+"""The simulated drive as a CANopen device: its objects, its family, its EDS."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from pdgw.dsp402.identification.overlay import overlay, with_units
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import pdo
+
+# Facts of the simulated drive from the overlay of the ENGEL-like drive: modes, homing methods, fault numbers.
+
 
 FAMILY = overlay("engel")
 FAMILY_MODES = FAMILY.modes

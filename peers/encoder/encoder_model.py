@@ -1,7 +1,4 @@
-"""Faults of a simulated encoder in addition to those of any CANopen node: causes of alarms, warnings and EMCYs.
-
-Source: ``dsp406.faults``; each of its causes is a fault of the same name. See ``peers.node.misbehaviour``.
-"""
+"""The simulated encoder without CANopen, and its faults."""
 
 from __future__ import annotations
 
@@ -30,6 +27,10 @@ from pdgw.durations import MS, SECOND
 from pdgw.peers.encoder.motion import Motion, Standstill, still
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Misbehaviour, catalogue
+
+# Faults of a simulated encoder in addition to those of any CANopen node: causes of alarms, warnings and EMCYs.
+#
+# Source: ``dsp406.faults``; each of its causes is a fault of the same name. See ``peers.node.misbehaviour``.
 
 
 @dataclass(kw_only=True, eq=False)

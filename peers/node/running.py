@@ -1,4 +1,4 @@
-"""A loop in its own thread, for programs whose main thread does something else."""
+"""A running simulated node, and a loop in its own thread."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, open_port
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.loop import Loop, SystemLoop, Timer
 from pdgw.peers.node.node import SendFunction, SimulatedNode
+
+# A loop in its own thread, for programs whose main thread does something else.
+
 
 log = logging.getLogger("peers")
 

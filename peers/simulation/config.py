@@ -1,7 +1,4 @@
-"""The file of ``pdgw sim bus``: several simulated devices on one bus, with their faults.
-
-TOML, validated by pydantic with the messages of the gateway's own configuration. ``example()`` is itself valid.
-"""
+"""Simulated devices from a file or from a gateway's configuration."""
 
 from __future__ import annotations
 
@@ -29,6 +26,10 @@ from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.misbehaviour import make
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, encoder_device
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
+
+# The file of ``pdgw sim bus``: several simulated devices on one bus, with their faults.
+#
+# TOML, validated by pydantic with the messages of the gateway's own configuration. ``example()`` is itself valid.
 
 
 class _Section(BaseModel):

@@ -1,4 +1,4 @@
-"""Text commands of the simulators: one line in, one line out, on standard input or a loopback TCP port."""
+"""Simulated devices in the foreground, and their text commands."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ from pdgw.peers.drive.objects import DRIVE_FAULTS
 from pdgw.peers.option_values import CONSOLE_COMMANDS
 from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.devices import Simulation
+
+# Text commands of the simulators: one line in, one line out, on standard input or a loopback TCP port.
+
 
 _LINE_MAX = 1000
 """Longest command line in characters; the longest command has about 100."""

@@ -1,8 +1,4 @@
-"""Bits of a CAN frame on the wire, with the stuff bits of its contents.
-
-Source: Bosch CAN 2.0A chapters 3 (frame, CRC) and 5 (bit stuffing). Independent of ``ds301.bus.load``, which uses the worst
-case.
-"""
+"""A CAN bus in virtual time, with the bits of a frame on the wire."""
 
 from __future__ import annotations
 
@@ -16,6 +12,12 @@ from pdgw.ds301.bus.load import frame_bits
 from pdgw.ds301.bus.port import PortBusyError, PortLostError, Receiver, deliver
 from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import MS, SECOND
+
+# Bits of a CAN frame on the wire, with the stuff bits of its contents.
+#
+# Source: Bosch CAN 2.0A chapters 3 (frame, CRC) and 5 (bit stuffing). Independent of ``ds301.bus.load``, which uses the worst
+# case.
+
 
 _CRC_POLYNOMIAL: Final = 0x4599
 _CRC_BITS = 15

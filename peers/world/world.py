@@ -1,4 +1,4 @@
-"""A gateway for a test: in a world of its own, with the simulated devices of its configuration and a PLC."""
+"""The world: virtual time, buses, network and devices, with a gateway and a PLC for tests."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world.can_bus import PLACES, Member, SimulatedCan
 from pdgw.peers.world.udp import SimulatedNetwork, SimulatedUdpPort
 from pdgw.profidrive.telegrams import telegram
+
+# A gateway for a test: in a world of its own, with the simulated devices of its configuration and a PLC.
 
 
 class Gateway:

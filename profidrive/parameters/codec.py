@@ -1,7 +1,4 @@
-"""Error numbers of the parameter channel, once.
-
-Source: PROFIdrive profile 4.1 table 49 (docs/parameter-channel.md). Numbers from 65h are the manufacturer's.
-"""
+"""Error numbers, requests and responses of the parameter channel."""
 
 from __future__ import annotations
 
@@ -12,6 +9,10 @@ from dataclasses import dataclass
 
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
+
+# Error numbers of the parameter channel, once.
+#
+# Source: PROFIdrive profile 4.1 table 49 (docs/parameter-channel.md). Numbers from 65h are the manufacturer's.
 
 
 class ParameterErrorNumber(enum.IntEnum):

@@ -1,7 +1,4 @@
-"""Numbers of the profile's parameters by name; ``profidrive.parameters.catalogue`` describes them.
-
-Source: PROFIdrive profile 4.1 chapter 6.2 and 6.3.9, encoder profile 4.2.
-"""
+"""Numbers of the profile's parameters, and the parameter description."""
 
 from __future__ import annotations
 
@@ -15,6 +12,10 @@ from typing import Final
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import ParameterErrorNumber, ParameterRefused, Values
+
+# Numbers of the profile's parameters by name; ``profidrive.parameters.catalogue`` describes them.
+#
+# Source: PROFIdrive profile 4.1 chapter 6.2 and 6.3.9, encoder profile 4.2.
 
 
 class Pnu(enum.IntEnum):

@@ -1,4 +1,4 @@
-"""Write the device description for engineering tools (GSDML)."""
+"""Device descriptions: the GSDML file that is written, the data sheets (EDS, DCF) that are read."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ from pdgw.phrases import counted
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind
+
+# Write the device description for engineering tools (GSDML).
+
 
 TELEGRAMS = {ObjectKind.AXIS: DRIVE_TELEGRAM_NUMBERS, ObjectKind.ENCODER: ENCODER_TELEGRAM_NUMBERS}
 _NO_MAC = bytes(6)

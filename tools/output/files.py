@@ -1,4 +1,4 @@
-"""Check the files that a command will write."""
+"""Files that a command will write, and tables for terminals."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from rich import box
 from rich.table import Table
 
 from pdgw.gateway.errors import GatewayError
+
+# Check the files that a command will write.
 
 
 def to_be_written(option: typer.CallbackParam, file: Path | None) -> Path | None:

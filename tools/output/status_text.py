@@ -1,4 +1,4 @@
-"""``pdgw status --check``: one line and an exit code in the format of monitoring systems (Nagios, Icinga, Zabbix)."""
+"""The status of a gateway as text, and for monitoring systems."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from typing import Any, NamedTuple
 from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import AxisState, Reason
+
+# ``pdgw status --check``: one line and an exit code in the format of monitoring systems (Nagios, Icinga, Zabbix).
+
 
 _BAD = (AxisState.FAULT.name, AxisState.NOT_ON_THE_BUS.name)
 _CONNECTED = ("", *(reason.name for reason in (Reason.PLC_STOP, Reason.PLC_BAD, Reason.OTHER_SENDER)))

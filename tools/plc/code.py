@@ -1,4 +1,4 @@
-"""The complete file for a PLC: types, frames and the blocks of every telegram of a configuration, in one of two languages."""
+"""The complete file for a PLC, with the blocks that have PLCopen's names."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from pdgw.tools.plc.frames import block, comment, profinet_block, profinet_varia
 from pdgw.tools.plc.library import axis_block, plain, telegram_block, template
 from pdgw.tools.plc.plcopen import scl
 from pdgw.tools.plc.udp import Sockets, udp_block
+
+# The complete file for a PLC: types, frames and the blocks of every telegram of a configuration, in one of two languages.
+
 
 _LONGEST = 80
 """Length of a STRING declared without one, on the system with the shortest."""

@@ -1,7 +1,4 @@
-"""Split Structured Text into tokens.
-
-Source: IEC 61131-3 second edition, annex B. Comments are ``(* ... *)``. ``//`` is of the third edition and rejected.
-"""
+"""Tokens and declarations of the generated Structured Text."""
 
 from __future__ import annotations
 
@@ -10,6 +7,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from pdgw.gateway.errors import GatewayError
+
+# Split Structured Text into tokens.
+#
+# Source: IEC 61131-3 second edition, annex B. Comments are ``(* ... *)``. ``//`` is of the third edition and rejected.
+
 
 _PATTERN = re.compile(
     r"""(?P<space>\s+)

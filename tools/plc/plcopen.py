@@ -1,4 +1,4 @@
-"""Convert Structured Text to SCL of TIA Portal: same tokens, but marked variables, quoted names and versions."""
+"""Structured Text in other formats: SCL, PLCopen XML."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 from pdgw.tools.plc.declarations import Declaration, Declared, Token, declarations, pieces
+
+# Convert Structured Text to SCL of TIA Portal: same tokens, but marked variables, quoted names and versions.
+
 
 _SCL_UNITS = ("TYPE", "FUNCTION_BLOCK", "FUNCTION")
 _VERSION = "\nVERSION : 0.1"

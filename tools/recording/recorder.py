@@ -1,8 +1,4 @@
-"""Capture of everything that an Ethernet interface sends and receives, as pcapng with the kernel's time stamps (Linux).
-
-The kernel collects the frames in a ring of blocks (linux/if_packet.h, TPACKET_V3) and wakes the reader once for each block, so
-the recording hardly disturbs the recorded process.
-"""
+"""Recording for `pdgw run --record`, and the capture of an Ethernet interface."""
 
 from __future__ import annotations
 
@@ -28,6 +24,12 @@ from pdgw.tools.decoder.capture.pcap import PcapngWriter
 from pdgw.tools.decoder.frames.records import LinkType
 from pdgw.tools.recording.background_writer import wait_for_end
 from pdgw.tools.recording.recordings import CONFIGURATION
+
+# Capture of everything that an Ethernet interface sends and receives, as pcapng with the kernel's time stamps (Linux).
+#
+# The kernel collects the frames in a ring of blocks (linux/if_packet.h, TPACKET_V3) and wakes the reader once for each block,
+# so the recording hardly disturbs the recorded process.
+
 
 _SOL_PACKET, _PACKET_RX_RING, _PACKET_STATISTICS, _PACKET_VERSION, _TPACKET_V3 = 263, 5, 6, 10, 2
 _REQUEST: Final = struct.Struct("7I")

@@ -1,4 +1,4 @@
-"""Parts of a ring as a pcapng file of both buses with the configuration, as `pdgw run --record` writes it."""
+"""Parts of the ring as files: on request, and around a fault or a stop."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.place import PREVIOUS, rings, run_directory
 from pdgw.gateway.trace.reader import Cycle, RingReader, is_alive
+
+# Parts of a ring as a pcapng file of both buses with the configuration, as `pdgw run --record` writes it.
 
 
 def chosen_ring(name: str | None, directory: Path | None = None) -> Path:

@@ -1,4 +1,4 @@
-"""What the page has to know to show words by name and by bit, taken from the declarations: nothing is said twice."""
+"""Declarations and parameters for the page."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from pdgw.tools.client.dump import read_all
 from pdgw.tools.client.session import Element, Session, address_text, meaning
 from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.web.support import RequestError
+
+# What the page has to know to show words by name and by bit, taken from the declarations: nothing is said twice.
+
 
 SYMBOLS = {
     AxisState.OBEYS: "●",

@@ -1,4 +1,4 @@
-"""Errors of a request: answered with 400 or 404 and the name of the field."""
+"""The page's information about the gateway, its support file, and errors of a request."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import public_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.status.watch import Watch
+
+# Errors of a request: answered with 400 or 404 and the name of the field.
 
 
 class RequestError(GatewayError):

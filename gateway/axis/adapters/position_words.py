@@ -1,8 +1,4 @@
-"""Telegrams 7, 110 and 111: STW1 and the positioner's words, ZSW1 and what a positioner shows.
-
-Source: docs/motion.md, docs/telegrams.md "Sources". Telegram 7 has blocks alone, 110 spreads over SATZANW, POS_STW and MDI_MOD
-what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.14 and .15 (accelerates, decelerates): 0.
-"""
+"""Telegrams with positions: 7, 110 and 111, and telegram 9."""
 
 from __future__ import annotations
 
@@ -21,6 +17,13 @@ from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType
 from pdgw.profidrive.signals import POSITIONER_FORMS, float_of, float_pattern, signal
 from pdgw.profidrive.telegrams import Telegram
+
+# Telegrams 7, 110 and 111: STW1 and the positioner's words, ZSW1 and what a positioner shows.
+#
+# Source: docs/motion.md, docs/telegrams.md "Sources". Telegram 7 has blocks alone, 110 spreads over SATZANW, POS_STW and
+# MDI_MOD what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.14 and .15 (accelerates,
+# decelerates): 0.
+
 
 _STW1 = signal("STW1")
 _DO_NOT_REJECT = _STW1.bit("DO_NOT_REJECT", positioning=True).mask

@@ -1,7 +1,4 @@
-"""Speed with load values of the motor: telegram 20.
-
-Source: docs/motion.md "Telegram 20". 6078h also gives the torque in 1/1000 of the rated value; a drive without it shows 0.
-"""
+"""Speed with load values (telegram 20), and with a torque reduction (102, 103)."""
 
 from __future__ import annotations
 
@@ -16,6 +13,11 @@ from pdgw.gateway.motion.requests import MessageWord, namur_word, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
+
+# Speed with load values of the motor: telegram 20.
+#
+# Source: docs/motion.md "Telegram 20". 6078h also gives the torque in 1/1000 of the rated value; a drive without it shows 0.
+
 
 _RATED = 1000
 _LOWEST, _HIGHEST = DataType.N2.integer_range

@@ -1,7 +1,4 @@
-"""Speed, duplex mode and autonegotiation of a network interface, as its driver says (Linux, ETHTOOL).
-
-Source: linux/ethtool.h (struct ethtool_cmd), RFC 4836 (dot3MauType, ifMauAutoNegCapAdvertisedBits).
-"""
+"""The Ethernet edge of the PROFINET device, with the state of its interface."""
 
 from __future__ import annotations
 
@@ -30,6 +27,11 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.discovery import dcp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import MAU_100BASE_TX_FULL, MAU_1000BASE_T_FULL, IpSuite, Medium
+
+# Speed, duplex mode and autonegotiation of a network interface, as its driver says (Linux, ETHTOOL).
+#
+# Source: linux/ethtool.h (struct ethtool_cmd), RFC 4836 (dot3MauType, ifMauAutoNegCapAdvertisedBits).
+
 
 _SIOCETHTOOL, _ETHTOOL_GSET = 0x8946, 1
 _COMMAND: Final = struct.Struct("=IIIHBBBBBBIIHBBIII")

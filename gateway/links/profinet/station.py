@@ -1,4 +1,4 @@
-"""The gateway as a PROFINET device: identity and model from the configuration."""
+"""The gateway as a PROFINET device: its identity, its name and address."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ from pdgw.profinet.device import Refused
 from pdgw.profinet.discovery.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.model import SEND_CLOCKS, DeviceModel, ObjectKind, drive_model
 from pdgw.profinet.station import Identity, IpSuite
+
+# The gateway as a PROFINET device: identity and model from the configuration.
+
 
 PRODUCT = "profidrive-gateway"
 """Also the name that engineering tools propose for the station."""

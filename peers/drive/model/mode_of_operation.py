@@ -1,4 +1,4 @@
-"""Base class of the modes of operation of the simulated drive."""
+"""What the modes of operation of the simulated drive have in common: base class, ramps, trapezoid."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from pdgw.durations import SECONDS_PER_MINUTE
 
 if TYPE_CHECKING:
     from pdgw.peers.drive.model.model import DriveModel
+
+# Base class of the modes of operation of the simulated drive.
 
 
 class ModeOfOperation:

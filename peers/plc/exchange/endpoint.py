@@ -1,4 +1,4 @@
-"""A PLC as timed events on a loop: it sends a frame each cycle, whatever the gateway answers."""
+"""The controller side of the cyclic relationship, and a PLC as timed events on a loop."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ from pdgw.profidrive.frame import (
 )
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, Telegram
 from pdgw.profidrive.words import Bit
+
+# A PLC as timed events on a loop: it sends a frame each cycle, whatever the gateway answers.
 
 
 class CyclingPlc:

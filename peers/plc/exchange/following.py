@@ -1,4 +1,4 @@
-"""The PLC's view as plain data and as tables for a terminal: words by bit, values, and why values are missing."""
+"""The PLC's view of its values, and its position loop."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 from pdgw.profidrive.signal_text import texts
 from pdgw.profidrive.telegrams import Telegram, telegram
+
+# The PLC's view as plain data and as tables for a terminal: words by bit, values, and why values are missing.
 
 
 def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The axes of a configuration as the decoder knows them."""
+"""Facts for the decoder before a capture, from configuration, data sheets and user."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ from pdgw.tools.decoder.view.names import Names
 
 if TYPE_CHECKING:
     from pdgw.gateway.configuration.config import GatewayConfig
+
+# The axes of a configuration as the decoder knows them.
 
 
 def configured_axes(config: GatewayConfig, telegrams: Sequence[int] = ()) -> list[Axis]:

@@ -1,4 +1,4 @@
-"""Times as the user gives them."""
+"""Live sources, and times as the user gives them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.tools.decoder.capture.source import Source
 from pdgw.tools.decoder.frames.engine import CanPacket, Packet
 from pdgw.tools.decoder.frames.records import LinkType
+
+# Times as the user gives them.
 
 
 def moment(text: str, option: str, zero_ns: int) -> int:

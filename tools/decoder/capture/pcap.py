@@ -1,4 +1,4 @@
-"""The error of damaged captures."""
+"""Capture files in the formats pcap and pcapng: reading, writing, errors."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.tools.decoder.frames.engine import Packet
 from pdgw.tools.decoder.frames.records import LinkType
+
+# The error of damaged captures.
 
 
 class CaptureError(GatewayError):

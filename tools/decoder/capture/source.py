@@ -1,4 +1,4 @@
-"""A capture as the records in it, for programs: open, decode, iterate."""
+"""Sources of records: files, standard input, and the iteration for programs."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from pdgw.tools.decoder.frames.records import Record
 
 if TYPE_CHECKING:
     from can.io.generic import MessageReader
+
+# A capture as the records in it, for programs: open, decode, iterate.
 
 
 def read_records(path: str | PathLike[str], telegrams: Sequence[int] = ()) -> Iterator[Record]:

@@ -1,4 +1,4 @@
-"""Rows as a table of Apache Arrow, and as a Parquet file."""
+"""Captures as tables of Apache Arrow, Parquet files and data sets."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ from pdgw.tools.decoder.view.render import Columns, Row
 
 if TYPE_CHECKING:
     import pyarrow
+
+# Rows as a table of Apache Arrow, and as a Parquet file.
 
 
 _ROWS_AT_ONCE: Final = 1 << 16

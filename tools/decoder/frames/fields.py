@@ -1,4 +1,4 @@
-"""A dictionary that drops its oldest entries, for packets that wait for an answer."""
+"""How a value is named, scaled and shown, and the dictionary for packets that wait for an answer."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ from pdgw.profidrive.signal_text import scale, value_text
 from pdgw.profidrive.signals import Signal, float_of
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profidrive.words import Bit, unswapped
+
+# A dictionary that drops its oldest entries, for packets that wait for an answer.
+
 
 REMEMBERED: Final = 256
 """Calls and requests that wait for an answer."""

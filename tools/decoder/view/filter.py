@@ -1,4 +1,4 @@
-"""Selection of packets, and of their units and signals."""
+"""Selection of packets: by options, by expressions, by changes."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from pdgw.profidrive.frame import TRAILER
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, HeartbeatRecord, SyncRecord
 from pdgw.tools.decoder.frames.records import CyclicRecord, ProcessData, ProcessDataLayout, Record
 from pdgw.tools.decoder.view.names import RECORD_NAMES, Getter, Names, Value
+
+# Selection of packets, and of their units and signals.
 
 
 @dataclass

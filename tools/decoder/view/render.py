@@ -1,8 +1,4 @@
-"""Chosen names of every packet as rows, for tables and curves.
-
-One row for each unit (each packet without units) that has at least one of the chosen signals or of the fields not every packet
-has; when only such common fields are chosen, for all. Where no filter selects units, rows come straight from the unpacked frame.
-"""
+"""Records as text, and chosen names as rows."""
 
 from __future__ import annotations
 
@@ -16,6 +12,13 @@ from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, PdoRecord
 from pdgw.tools.decoder.frames.profinet.connect import StationRecord
 from pdgw.tools.decoder.frames.records import AcyclicRecord, CyclicRecord, ProcessData, ProcessDataLayout, Record
 from pdgw.tools.decoder.view.names import RECORD_NAMES, Getter, Names, Value, part_value
+
+# Chosen names of every packet as rows, for tables and curves.
+#
+# One row for each unit (each packet without units) that has at least one of the chosen signals or of the fields not every
+# packet has; when only such common fields are chosen, for all. Where no filter selects units, rows come straight from the
+# unpacked frame.
+
 
 Row = list[Value]
 _Cell = tuple[int, int, Callable[[Any], Value] | None]

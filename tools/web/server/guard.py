@@ -1,4 +1,4 @@
-"""Answers of megabytes: a few at a time, sent in parts, so that readers who take nothing cannot fill the memory."""
+"""Who may ask the page for what, and how large answers are sent."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ from pdgw.files import read_file
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.server.server import Places, sender
+
+# Answers of megabytes: a few at a time, sent in parts, so that readers who take nothing cannot fill the memory.
+
 
 AT_ONCE = 3
 PART = 64 * 1024

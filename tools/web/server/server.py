@@ -1,8 +1,4 @@
-"""Which connections to the page stay open: few for each unknown sender, and a new one always gets a place.
-
-A connection is unknown until it shows the token or carries a stream. Unknown connections end in favour of newer ones, so a
-sender with many connections loses its own first, and /healthz is always answered.
-"""
+"""The server of the page, and which connections stay open."""
 
 from __future__ import annotations
 
@@ -19,6 +15,12 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.stream import Streams
+
+# Which connections to the page stay open: few for each unknown sender, and a new one always gets a place.
+#
+# A connection is unknown until it shows the token or carries a stream. Unknown connections end in favour of newer ones, so a
+# sender with many connections loses its own first, and /healthz is always answered.
+
 
 CONNECTIONS_MAX = 64
 UNKNOWN_MAX = 48

@@ -1,4 +1,4 @@
-"""Requirements of a traversing task on a drive: its mode, and 100 % of position, velocity and accelerations."""
+"""What limits a task: required scaling, torque limit, standstill before its end."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from pdgw.gateway.axis.values import Outputs, SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
+
+# Requirements of a traversing task on a drive: its mode, and 100 % of position, velocity and accelerations.
 
 
 def base_mode(drive: DriveType, *, modulo: bool) -> int:

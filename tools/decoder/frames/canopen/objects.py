@@ -1,4 +1,4 @@
-"""The PDOs of a recording as the drive's codec sees them, whatever the gateway that made it has mapped."""
+"""Names and types of objects, and the PDO layouts of a recording."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from pdgw.dsp406.kinds import DEVICES, ENCODER_PROFILE
 from pdgw.tools.decoder.frames.canopen.can_records import PdoLayout
 from pdgw.tools.decoder.frames.fields import Field, Raw, entry_field
 from pdgw.tools.decoder.frames.records import ProcessDataLayout
+
+# The PDOs of a recording as the drive's codec sees them, whatever the gateway that made it has mapped.
 
 
 def recorded_rpdo(layout: PdoLayout, families: tuple[str, ...]) -> Pdo | None:

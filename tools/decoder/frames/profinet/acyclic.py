@@ -1,7 +1,4 @@
-"""Connect, Control and Release: the calls that make, confirm and end relationships.
-
-Source: IEC 61158-5-10/-6-10 (CMRPC, CMSM). Cyclic data counts once the controller has confirmed ApplicationReady.
-"""
+"""Acyclic PROFINET: calls, record access, parameter requests."""
 
 from __future__ import annotations
 
@@ -39,6 +36,11 @@ from pdgw.tools.decoder.frames.records import (
     ParameterResponseRecord,
     Record,
 )
+
+# Connect, Control and Release: the calls that make, confirm and end relationships.
+#
+# Source: IEC 61158-5-10/-6-10 (CMRPC, CMSM). Cyclic data counts once the controller has confirmed ApplicationReady.
+
 
 OPERATIONS: Final = frozenset({Operation.CONNECT, Operation.RELEASE, Operation.CONTROL})
 _CHANGES: Final[dict[type[ControlBlock], Change]] = {

@@ -1,4 +1,4 @@
-"""MAC addresses of stations, from DCP and Connect."""
+"""Relationships of PROFINET: stations, cyclic frames by a Connect, and their records."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ from pdgw.profinet.connection.connect import CyclicPlan, DataObject
 from pdgw.profinet.model import API_PROFIDRIVE, Subslot
 from pdgw.tools.decoder.frames.profinet.blocks import read_blocks
 from pdgw.tools.decoder.frames.records import AcyclicRecord
+
+# MAC addresses of stations, from DCP and Connect.
+
 
 _STATIONS_MAX: Final = 4096
 
