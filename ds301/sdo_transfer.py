@@ -66,8 +66,8 @@ class SdoCommunicationError(Exception):
     """An access without an answer, or with one that breaks the protocol."""
 
 
-def named_object(frame: bytes) -> bytes:
-    """Index and sub-index in a frame that names an object, as its bytes."""
+def address_in(frame: bytes) -> bytes:
+    """The address in a frame that names an object."""
     return frame[1:4]
 
 
@@ -264,7 +264,7 @@ class Transfer(abc.ABC):
     def __init__(self, index: int, subindex: int, request: bytes, timeout_ns: int, limit_ns: int = _NEVER) -> None:
         self.index = index
         self.subindex = subindex
-        self.address = named_object(request)
+        self.address = address_in(request)
         self.request = request
         self._timeout_ns = timeout_ns
         """For each answer of the server."""
@@ -295,11 +295,11 @@ class Transfer(abc.ABC):
             self.broken = f"{len(frame)} bytes, {FRAME_SIZE} expected"
             return []
         if frame[0] == ABORT:
-            if named_object(frame) in (self.address, _UNNAMED):
+            if address_in(frame) in (self.address, _UNNAMED):
                 self.code = int.from_bytes(frame[4:], "little")
                 self.ended = True
             return []
-        if not self._begun and named_object(frame) != self.address:
+        if not self._begun and address_in(frame) != self.address:
             return []
         try:
             frames = self._continue(frame)
@@ -461,7 +461,7 @@ class SdoServer:
         raise SdoAbortedError(Abort.INVALID_COMMAND)
 
     def _begin_upload(self, frame: bytes) -> bytes:
-        self._address = address = named_object(frame)
+        self._address = address = address_in(frame)
         data = self._objects.get_data(*object_of(address), check_readable=True)
         if not data:
             raise SdoAbortedError(Abort.NO_DATA)
@@ -473,7 +473,7 @@ class SdoServer:
         return source.first(BLOCK_SOURCE, address)
 
     def _begin_download(self, frame: bytes) -> bytes:
-        self._address = address = named_object(frame)
+        self._address = address = address_in(frame)
         sink = Sink()
         self._source, self._sink = None, sink
         sink.first(frame)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from pdgw.ds301.sdo_transfer import ABORT, BLOCK_SINK, BLOCK_SOURCE, COMMAND, CONFIRM, DOWNLOAD, UPLOAD, named_object
+from pdgw.ds301.sdo_transfer import ABORT, BLOCK_SINK, BLOCK_SOURCE, COMMAND, CONFIRM, DOWNLOAD, UPLOAD, address_in
 
 _REQUESTS: Final = (DOWNLOAD, UPLOAD)
 _RESPONSES: Final = (CONFIRM, UPLOAD)
@@ -46,14 +46,14 @@ class SecondAnswers:
             return
         if len(self._open) > _OBJECTS:
             self._open.clear()
-        address = named_object(request)
+        address = address_in(request)
         self._open[address] = self._open.get(address, 0) + 1
 
     def answered(self, answer: bytes) -> None:
         """A frame of the node. An abort may also end a transfer whose first frame was answered: it is never a second answer."""
         if not answer or (answer[0] != ABORT and answer[0] & COMMAND not in _RESPONSES):
             return
-        address = named_object(answer)
+        address = address_in(answer)
         count = self._open.get(address)
         if count:
             self._open[address] = count - 1

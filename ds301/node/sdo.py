@@ -25,7 +25,7 @@ from pdgw.ds301.sdo_transfer import (
     SdoCommunicationError,
     Transfer,
     Upload,
-    named_object,
+    address_in,
 )
 from pdgw.durations import MS, SECOND
 
@@ -127,7 +127,7 @@ class SdoAccess:
         self._open_until = self.loop.now() + self._timeout
 
     def _read(self, index: int, subindex: int) -> bytes:
-        self._finish()
+        self._begin_access()
         declared = self.dictionary.get_variable(index, subindex)
         if declared is not None and declared.data_type == CanType.DOMAIN.code:
             try:
@@ -157,7 +157,7 @@ class SdoAccess:
         The late answer to an aborted write of another object does not confirm this one. If both are for the same object, with
         other data, the object is read back.
         """
-        self._finish()
+        self._begin_access()
         download = Download(index, subindex, data, self._timeout)
         if not 1 <= len(data) <= EXPEDITED_SIZE:
             self._run(download)
@@ -199,7 +199,7 @@ class SdoAccess:
         """
         self._run(Download(index, subindex, data, self._timeout), self._repeats, first=True)
 
-    def _finish(self) -> None:
+    def _begin_access(self) -> None:
         """Begin an access. A second answer to a repeated request, or that to a question, must not count as its answer.
 
         No access continues if two devices answer: their answers would be mixed.
@@ -229,10 +229,10 @@ class SdoAccess:
                 self._ended.clear()
                 self._ended.wait((min(transfer.due, again) if repeats else transfer.due) - now)
         if transfer.code is not None:
-            raise SdoAbortedError(transfer.code, self._where(transfer))
+            raise SdoAbortedError(transfer.code, self._where(transfer.index, transfer.subindex))
         if transfer.failure:
             self._open_until = 0
-            raise SdoCommunicationError(self._where(transfer) + transfer.failure)
+            raise SdoCommunicationError(self._where(transfer.index, transfer.subindex) + transfer.failure)
 
     # -- frames -----------------------------------------------------------------------------------------------------
 
@@ -256,7 +256,7 @@ class SdoAccess:
         if transfer is None:
             return
         if transfer.ended:
-            self.answers_late = self.answers_late or named_object(frame) == transfer.address
+            self.answers_late = self.answers_late or address_in(frame) == transfer.address
             self._has_answered()
             return
         self._send(transfer.take(frame, now))
@@ -310,12 +310,12 @@ class SdoAccess:
             f"one device with node-ID {self._node_id} on the bus: disconnect the other one, or set another node-ID there",
         )
 
-    def _where(self, transfer: Transfer) -> str:
-        return f"node {self._node_id} object {transfer.index:04X}h/{transfer.subindex}"
+    def _where(self, index: int, subindex: int) -> str:
+        return f"node {self._node_id} object {index:04X}h/{subindex}"
 
     def _unreadable(self, index: int, subindex: int, error: SdoAbortedError) -> CanopenError:
         return self.error_type(
-            f"node {self._node_id} object {index:04X}h/{subindex}",
+            self._where(index, subindex),
             abort_text(error.code),
             "an object that can be read",
         )

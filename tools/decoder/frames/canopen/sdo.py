@@ -28,7 +28,7 @@ from pdgw.ds301.sdo_transfer import (
     UPLOAD,
     SdoAbortedError,
     Sink,
-    named_object,
+    address_in,
     object_of,
 )
 
@@ -119,7 +119,7 @@ class SdoChannel:
     def _describe(self, from_client: bool, data: bytes) -> Step:
         transfer, command = self._transfer, data[0] & COMMAND
         if data[0] == ABORT:
-            return _name(Step("abort", from_client, abort=int.from_bytes(data[4:], "little")), named_object(data))
+            return _name(Step("abort", from_client, abort=int.from_bytes(data[4:], "little")), address_in(data))
         if transfer is not None and transfer.upload != from_client and transfer.sink.awaits_block:
             transfer.sink.segment_of_block(data)
             last = ", last" if data[0] & LAST_SEGMENT else ""
@@ -138,7 +138,7 @@ class SdoChannel:
         elif command == UPLOAD or (command == DOWNLOAD and from_client):
             self._first(step, data, upload=command == UPLOAD)
         elif command == CONFIRM and not from_client:
-            self._confirm(_name(step, named_object(data)), named_object(data))
+            self._confirm(_name(step, address_in(data)), address_in(data))
         elif command == DOWNLOAD:
             self._confirm(step)
         return step
@@ -153,7 +153,7 @@ class SdoChannel:
 
     def _first(self, step: Step, data: bytes, *, upload: bool) -> None:
         """The request of an access without blocks, or the answer to that of an upload."""
-        sink = self._begin(step, named_object(data), upload=upload)
+        sink = self._begin(step, address_in(data), upload=upload)
         if upload != step.from_client:
             sink.first(data)
             if sink.complete:
@@ -195,7 +195,7 @@ class SdoChannel:
         begin = "request" if from_client else "response"
         step = Step(f"block {'upload' if upload else 'download'} {_BLOCK_STEPS.get(part, begin)}", from_client)
         if not part:
-            sink = self._begin(step, named_object(data), upload=upload)
+            sink = self._begin(step, address_in(data), upload=upload)
             sink.crc = sink.crc and data[0] & CRC != 0
             sink.in_blocks = not upload
             step.note = f"blocks of {data[4]}"
@@ -214,7 +214,7 @@ class SdoChannel:
         upload, kind = not from_client, "download" if from_client else "upload"
         if not data[0] & END:
             step = Step(f"block {kind} {'request' if from_client else 'response'}", from_client)
-            sink = self._begin(step, named_object(data), upload=upload)
+            sink = self._begin(step, address_in(data), upload=upload)
             sink.first(data)
             step.note = "" if sink.size is None else f"{sink.size} bytes"
             return step
