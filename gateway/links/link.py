@@ -35,6 +35,12 @@ def silence(cycles: int) -> str:
     return f"no valid frame for {cycles} cycles"
 
 
+def is_punctual(since_ns: int, cycle_ns: int) -> bool:
+    """The time since the frame before is about a cycle: nothing waits behind a frame, and a look costs a system call."""
+    half = cycle_ns >> 1
+    return half < since_ns < cycle_ns + half
+
+
 class FrameRecorder(Protocol):
     """Takes the frames of the PLC beside the cyclic ones."""
 
@@ -217,8 +223,7 @@ class UdpLink:
         if taken:
             self.skipped += taken - 1
             since, self._received_at = now - self._received_at, now
-            half = self._cycle_ns >> 1
-            self.more = not half < since < self._cycle_ns + half
+            self.more = not is_punctual(since, self._cycle_ns)
         if endpoint.connected and not self._filtered and endpoint.peer is not None:
             if endpoint.losses.finding(now) is None:
                 log.info("PLC %s:%d connected", *endpoint.peer, extra={"event": "plc"})

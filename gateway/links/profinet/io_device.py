@@ -20,7 +20,7 @@ from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
-from pdgw.gateway.links.link import FrameRecorder, silence
+from pdgw.gateway.links.link import FrameRecorder, is_punctual, silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
@@ -254,9 +254,8 @@ class ProfinetLink:
         consumer, setpoints = self._consumer, self.setpoints
         if consumer is None:
             return
-        since, half = now - self._received_at, consumer.cycle_ns >> 1
-        self._received_at = now
-        self.more = not half < since < consumer.cycle_ns + half
+        since, self._received_at = now - self._received_at, now
+        self.more = not is_punctual(since, consumer.cycle_ns)
         if self._pairing is not None and not self._pairing.together:
             self._pairing.came(now)
         if self._unreported:
