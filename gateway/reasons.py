@@ -586,7 +586,7 @@ class Reason(enum.Enum):
     )
 
 
-def counted(text: str, count: int, duration_ns: int) -> str:
+def with_count(text: str, count: int, duration_ns: int) -> str:
     """A text that is repeated, with its number and the time since the first one."""
     return text if count == 1 else f"{text} ({count} times in {max(1, duration_ns // SECOND)} s)"
 

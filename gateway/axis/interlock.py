@@ -49,7 +49,7 @@ _NO_PLC: Final = {
 
 @dataclass(slots=True, eq=False)
 class Request:
-    """What the PLC has requested in this connection: a request alone does not show what came before it."""
+    """The requests of the PLC up to now: the reaction to one depends on those before it in this connection."""
 
     no_plc: PowerWish
     """Reaction to a loss of the PLC."""
@@ -92,7 +92,7 @@ class Request:
 
 @dataclass(slots=True, eq=False)
 class Commanded:
-    """What the drive was commanded and showed: a Statusword alone does not show whether it is an answer."""
+    """The commands to the drive and what it showed: a Statusword counts as an answer only with the command before it."""
 
     latency: int
     enable: Answer

@@ -16,7 +16,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.reasons import Finding, Reason, counted
+from pdgw.gateway.reasons import Finding, Reason, with_count
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
     COUNTER_UNIT_NS,
@@ -99,7 +99,7 @@ class RepeatedLosses:
         if now - self._reported_at < _REPORTED_NS:
             return ""
         self._reported_at = now
-        return counted(finding.text, self._count, now - self._begin)
+        return with_count(finding.text, self._count, now - self._begin)
 
     def returned(self, now: int, silence_ns: int) -> None:
         """A frame came after this time without one."""

@@ -36,7 +36,7 @@ def silence(cycles: int) -> str:
 
 
 def is_punctual(since_ns: int, cycle_ns: int) -> bool:
-    """The time since the frame before is about a cycle: nothing waits behind a frame, and a look costs a system call."""
+    """The time since the frame before is about a cycle: no other frame waits then, and to look for one costs a system call."""
     half = cycle_ns >> 1
     return half < since_ns < cycle_ns + half
 

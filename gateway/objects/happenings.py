@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from pdgw.durations import SECOND
-from pdgw.gateway.reasons import counted
+from pdgw.gateway.reasons import with_count
 
 KEPT: Final = 100
 """Happenings that a drive object keeps."""
@@ -58,7 +58,7 @@ class Line:
     @property
     def shown(self) -> str:
         """The text, and how often."""
-        return counted(self.text, self.count, self.time_ns - self.begin_ns)
+        return with_count(self.text, self.count, self.time_ns - self.begin_ns)
 
 
 def around_the_last_stop(happenings: Iterable[Happening]) -> list[Line]:

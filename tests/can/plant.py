@@ -39,7 +39,7 @@ def axis_table(number: int, channel: str, more: str = "") -> str:
 
 class Plant:
     """``tables``: the buses and axes of the configuration; ``plc``: the PLC's address; ``listen``: further keys of the transport.
-    ``play`` runs a sequence as a task beside the gateway."""
+    ``play`` runs the steps of a test while the gateway runs."""
 
     def __init__(self, *tables: str, plc: str = "127.0.0.1", listen: str = "watchdog_factor = 100\n") -> None:
         transport = f"cyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\n{listen}"
