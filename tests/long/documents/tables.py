@@ -52,7 +52,7 @@ _ROOT = Path(__file__).parents[3]
 _DOCS = _ROOT / "docs"
 PATH = _DOCS / "tables.md"
 MISBEHAVIOUR_PLACE = ("simulation.md", "faults")
-STEPS_PLACE = ("simulation.md", "actions and keys")
+STEPS_PLACE = ("simulation.md", "actions")
 
 
 def _half(half: TelegramHalf) -> str:

@@ -9,7 +9,7 @@ from pdgw.profidrive.telegrams import TELEGRAMS
 from pdgw.tools.plc.code import has_axis, motion_blocks
 from pdgw.tools.plc.declarations import Declared, declarations
 from pdgw.tools.plc.library import axis_block, block_name, telegram_block, template
-from tests.long.documents.markdown import table
+from tests.long.documents.markdown import numbers, table
 
 _DOCS = Path(__file__).parents[3] / "docs"
 BLOCKS_PATH = _DOCS / "plc-blocks.md"
@@ -59,10 +59,9 @@ def generate_blocks() -> str:
 
 def _family(name: str, texts: dict[int, str]) -> str:
     found = {number: next(iter(declarations(text))) for number, text in texts.items()}
-    numbers = ", ".join(map(str, found))
     rows = _rows({number: item.variables for number, item in found.items()})
     rows_text = table(("", "name", "type", "meaning", "telegrams"), rows)
-    return f"## {name}_Tn\n\nTelegrams {numbers}.\n\n{rows_text}"
+    return f"## {name}_Tn\n\nTelegrams {numbers(found)}.\n\n{rows_text}"
 
 
 def _rows(variables: dict[int, Sequence[Declared]]) -> Iterator[tuple[str, ...]]:
@@ -80,7 +79,7 @@ def _rows(variables: dict[int, Sequence[Declared]]) -> Iterator[tuple[str, ...]]
                     dict.fromkeys(f" (initially {item.initial})" for item in items.values() if item.initial)
                 )
                 comments = dict.fromkeys(item.comment for item in items.values())
-                telegrams = () if 0 in items else ("" if len(items) == len(variables) else ", ".join(map(str, items)),)
+                telegrams = () if 0 in items else ("" if len(items) == len(variables) else numbers(items),)
                 said = next(iter(comments)) if len(comments) == 1 or name != "ModePos" else max(comments, key=len)
                 if (name, said) not in _COMMON:
                     yield direction, f"`{name}`", ", ".join(types), said + initial, *telegrams
