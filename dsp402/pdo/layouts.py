@@ -62,7 +62,10 @@ _MESSAGES = {
     "velocity_demand": "the bits for ramp completed and speed within tolerance are 0",
     "current_actual": "the bit for torque below its threshold is 0",
 }
-_ONE_RAMP = {"profile_deceleration": "6083h contains the smaller of acceleration and deceleration, and applies to both"}
+_TASKS = {
+    "profile_velocity": "traversing tasks run at the drive's own velocity: only tasks with 100 % are possible",
+    "profile_deceleration": "6083h contains the smaller of acceleration and deceleration, and applies to both",
+}
 
 LAYOUTS: dict[Operation, PdoLayout] = {
     # RPDO 1 has the Controlword as its last object and is sent last: a drive that applies objects in mapping order would
@@ -100,7 +103,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
             pdo(_T, 1, "statusword", "modes_of_operation_display", "position_actual"),
             pdo(_T, 2, "velocity_actual"),
         ),
-        optional=_ONE_RAMP,
+        optional=_TASKS,
     ),
     Operation.POSITIONER: PdoLayout(
         rpdos=(
@@ -113,7 +116,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
             pdo(_T, 2, "velocity_actual", "velocity_demand"),
             pdo(_T, 3, "digital_inputs", "current_actual"),
         ),
-        optional={**_MESSAGES, **_ONE_RAMP, "digital_inputs": "the limit switches are 0"},
+        optional={**_MESSAGES, **_TASKS, "digital_inputs": "the limit switches are 0"},
     ),
     Operation.CYCLIC_POSITION: PdoLayout(
         rpdos=(

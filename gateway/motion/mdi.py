@@ -165,6 +165,8 @@ class MdiPositioner(Positioner):
             refusal = Reason.LOST_EDGE
         elif not (goal := self._drive.converted(request)).velocity:
             refusal = Reason.TASK_SPEED_ZERO
+        elif self._course.lacks_velocity(goal.velocity):
+            refusal = Reason.TASK_VELOCITY
         elif request.acceleration <= 0 or request.deceleration <= 0:
             refusal = Reason.TASK_RAMP_ZERO
         else:

@@ -189,6 +189,10 @@ class Positioner:
             self.settings, position_range=positions, distance_range=distances
         )
 
+    def require_velocity(self, velocity: int) -> None:
+        """Set the only velocity of a task to a position, for a drive without 6081h; 0: any."""
+        self._course.only_velocity = velocity
+
     @property
     def expects_end(self) -> bool:
         """The axis is at standstill, and the end of its motion to a position is due."""

@@ -76,6 +76,8 @@ class Course:
     """Why the goal is kept and not pursued."""
     queued: int = 0
     """Serial of the setpoint that waits in the drive, 0 for none."""
+    only_velocity: int = 0
+    """The velocity of all tasks to a position, on a drive without 6081h; 0: each task has its own."""
     limits: tuple[int, int] | None = None
     """The software limits, while they are watched."""
     limits_moved: bool = False
@@ -153,6 +155,10 @@ class Course:
             return begin + target
         modulo = self.settings.modulo
         return begin + way(begin, target, modulo, direction, self.settings.position_window) if modulo else target
+
+    def lacks_velocity(self, velocity: int, override: int = FULL) -> bool:
+        """Whether a task to a position is slower than the only velocity of the drive."""
+        return abs(velocity) * override < self.only_velocity * FULL
 
     def arrived(self) -> bool:
         """The drive has reached the target of the goal in force, and is at standstill."""
@@ -255,6 +261,11 @@ class Course:
             self.limits_moved = False
             self._aim_again()
             goal = self.goal
+        override = request.override if goal is not None and goal.scaled else FULL
+        if goal is not None and goal.kind is _POSITION and self.lacks_velocity(goal.velocity, override):
+            self.result.warning = Reason.TASK_VELOCITY
+            self.drop_goal()
+            goal = None
         if goal is None:
             motion.kind = _STAND
             motion.torque = None
@@ -269,7 +280,6 @@ class Course:
             motion.kind = _STAND
             self.queued = 0
             return
-        override = request.override if goal.scaled else FULL
         if self.sent:
             if not held and motion.override == override:
                 return
@@ -311,6 +321,8 @@ class Course:
         """Send a position task that waits in the drive for the end of the goal; not beyond a limit, where the axis must stop."""
         goal = self.goal
         if goal is None or self.held or self.queued or self.seen.taken < self.sent:
+            return
+        if self.lacks_velocity(velocity, self.result.motion.override):
             return
         target = position - self.offset if absolute else goal.target + position
         end = target + self.offset

@@ -48,29 +48,35 @@ class TaskScaling:
     deceleration: Normalisation
     one_ramp: bool
     """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
+    only_velocity: int
+    """The drive has no 6081h: 100 %, the only velocity of its tasks; 0: any."""
 
     @classmethod
     def of(cls, drive: DriveType) -> TaskScaling:
         """Dsp402Error when 100 % of one of them is not known, or the drive lacks an object."""
         scaling = drive.scaling
         one_ramp = not drive.has("profile_deceleration")
+        top_speed = highest(drive, Quantity.PROFILE_VELOCITY, "profile_velocity")
+        has_velocity = drive.has("profile_velocity")
+        speeds = drive.limits("profile_velocity")[0] if has_velocity else 0, top_speed
         positions = drive.limits("target_position")
         low, high = scaling.position_range or positions
         position = scaling.reference(Quantity.POSITION)
         return cls(
             n4(position, (max(low, positions[0]), min(high, positions[1]))),
             n4(position, positions),
-            _rate(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", minimum=0),
+            n4(scaling.reference(Quantity.PROFILE_VELOCITY), speeds, minimum=0),
             _rate(drive, Quantity.ACCELERATION, "profile_acceleration"),
             _rate(drive, Quantity.DECELERATION, "profile_acceleration" if one_ramp else "profile_deceleration"),
             one_ramp,
+            0 if has_velocity else top_speed,
         )
 
 
-def _rate(drive: DriveType, quantity: Quantity, attribute: str, minimum: int | None = None) -> Normalisation:
-    """A speed or a ramp, up to 100 %."""
+def _rate(drive: DriveType, quantity: Quantity, attribute: str) -> Normalisation:
+    """A ramp, up to 100 %."""
     limits = drive.limits(attribute)[0], highest(drive, quantity, attribute)
-    return n4(drive.scaling.reference(quantity), limits, minimum=minimum)
+    return n4(drive.scaling.reference(quantity), limits)
 
 
 # The torque limit (6072h) of a positioner by SDO: lowered for a fixed stop, and the drive's own value afterwards.

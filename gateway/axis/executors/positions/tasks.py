@@ -109,6 +109,7 @@ class PositionerExecutor(MotionExecutor):
             highest(drive, Quantity.DECELERATION, "profile_deceleration"),
         )
         self._one_ramp = not drive.has("profile_deceleration")
+        self.positioner.require_velocity(0 if drive.has("profile_velocity") else choices.max_velocity)
         self._torque.set_base(drive.max_torque)
         if self.clamps:
             if drive.max_torque <= 0:

@@ -48,7 +48,8 @@ class PositioningExecutor(MotionExecutor):
             self._turn_bits[Direction.SHORTEST] = turntable.shortest
             self._turn_bits[Direction.NEGATIVE] = turntable.ccw
         super().set_drive(drive, homing_method)
-        self._scaling = TaskScaling.of(drive)
+        scaling = self._scaling = TaskScaling.of(drive)
+        self._mdi.require_velocity(scaling.only_velocity)
         window = drive.position_window
         if window is None:
             window = int(drive.scaling.reference(Quantity.POSITION) * self.settings.standstill_window)
