@@ -6,8 +6,8 @@ import configparser
 import io
 import logging
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
@@ -23,7 +23,6 @@ from pdgw.ds301.eds.values import (
     DOMAIN,
     UNSIGNED8,
     is_plain,
-    limit_text,
     number,
     value_text,
     without_comment,
@@ -130,7 +129,7 @@ def import_eds(source: str | PathLike[str] | bytes, node_id: int) -> EdsImport:
     that cannot be used.
     """
     if node_id not in NODE_IDS:
-        raise EdsError((Problem(0, "", "node-ID", str(node_id), "a node-ID must be 1..127"),))
+        raise EdsError(Problem(0, "", "node-ID", str(node_id), "a node-ID must be 1..127"))
     sheet, relative = _imported(_read(source))
     dictionary = eds.import_eds(io.StringIO(relative), node_id)
     own = dictionary.indices
@@ -148,12 +147,12 @@ def _imported(content: bytes) -> tuple[EdsImport, str]:
     report = Report()
     others, objects = _repaired(parse(decode(content, report), report), report)
     if report.problems:
-        raise EdsError(tuple(sorted(report.problems, key=lambda problem: problem.line)))
+        raise EdsError(*sorted(report.problems, key=lambda problem: problem.line))
     text = text_of(others | objects)
     try:
         dictionary = eds.import_eds(io.StringIO(text), 0)
     except (KeyError, ValueError, configparser.Error) as error:  # not known to happen with any file
-        raise EdsError((Problem(0, "", "file", "", f"canopen cannot import it ({error})"),)) from error
+        raise EdsError(Problem(0, "", "file", "", f"canopen cannot import it ({error})")) from error
     relative = {name[:4] for name, entries in objects.items() if any("$NODEID" in text for text in entries.values())}
     own = text_of(others | {name: entries for name, entries in objects.items() if name[:4] in relative})
     return EdsImport(dictionary, tuple(sorted(report.repairs, key=lambda repair: repair.line)), text), own
@@ -165,45 +164,46 @@ def _read(source: str | PathLike[str] | bytes) -> bytes:
     try:
         return read_file(Path(source), MAX_SIZE)
     except OSError as error:
-        raise EdsError((Problem(0, "", "file", str(source), error.strerror or str(error)),)) from error
+        raise EdsError(Problem(0, "", "file", str(source), error.strerror or str(error))) from error
 
 
 # -- the file ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(slots=True)
-class _Object:
-    """The sections of one object: its own, its sub-indices, and the names and values of compact ones."""
-
-    main: Section
-    subs: dict[int, Section] = field(default_factory=dict)
-    names: Section = field(default_factory=lambda: Section("", 0))
-    values: Section = field(default_factory=lambda: Section("", 0))
-
-
 def _repaired(sections: dict[str, Section], report: Report) -> tuple[Texts, Texts]:
     """The sections that describe file and device, and those of the objects."""
-    _add_compact_pdos(sections.setdefault("DeviceInfo", Section("DeviceInfo", 0)), sections)
-    objects, others = _sorted_out(sections, report)
+    _add_compact_pdos(sections)
+    texts: Texts = {}
+    objects: dict[str, dict[int, Section]] = {}
+    for name, section in list(sections.items()):
+        match = re.fullmatch(r"([0-9A-F]{4})(?:sub([0-9A-F]+)|Name|Value)?", name)
+        if match is None:
+            texts[name] = _section_texts(section, report)
+            continue
+        sections.setdefault(match[1], Section(match[1], section.line))
+        subs = objects.setdefault(match[1], {})
+        if match[2] and int(match[2], 16) > 0xFF:
+            report.refuse(Item(section.line, name, "sub-index", match[2]), "a sub-index must be 0..FF")
+        elif match[2]:
+            subs[int(match[2], 16)] = section
     if not objects:
-        report.refuse(1, "", "objects", "", "not an EDS or DCF: it describes no object, expected at least 1000h")
-    texts = {name: _section_texts(section, report) for name, section in others.items()}
+        report.refuse(Item(1, "", "objects", ""), "not an EDS or DCF: it describes no object, expected at least 1000h")
     described: Texts = {}
-    for index in sorted(objects):
-        described |= _object_texts(f"{index:04X}", objects[index], texts, report)
+    for name in sorted(objects):
+        described |= _object_texts(sections[name], objects[name], sections, report)
         if len(described) > MAX_ENTRIES:
-            raise EdsError((Problem(0, "", "file", f"{len(described)} entries", f"too long, allowed: {MAX_ENTRIES}"),))
-    present = {index: objects[index].main for index in sorted(objects) if f"{index:04X}" in described}
+            raise EdsError(Problem(0, "", "file", f"{len(described)} entries", f"too long, allowed: {MAX_ENTRIES}"))
+    present = [int(name, 16) for name in sorted(objects) if name in described]
     for index in filter(is_communication_parameter, present):
-        mapping = index + PDOS_MAX
+        name, mapping = f"{index:04X}", index + PDOS_MAX
         if mapping not in present:
-            line, name = present[index].line, present[index].name
-            report.refuse(line, name, "", f"{index:04X}", f"a PDO without its mapping object {mapping:04X}h")
+            report.refuse(Item(sections[name].line, name, "", name), f"a PDO without its mapping object {mapping:04X}h")
     return texts | object_lists([index for index in present if index >= COMMUNICATION_AREA[0]]), described
 
 
-def _add_compact_pdos(device: Section, sections: dict[str, Section]) -> None:
+def _add_compact_pdos(sections: dict[str, Section]) -> None:
     """CompactPDO: the sheet describes only those objects of its PDOs that differ from the default."""
+    device = sections.setdefault("DeviceInfo", Section("DeviceInfo", 0))
     try:
         compact, *counts = (number(device.text(key)) or 0 for key in ("CompactPDO", "NrOfRXPDO", "NrOfTXPDO"))
     except ValueError:
@@ -217,185 +217,158 @@ def _add_compact_pdos(device: Section, sections: dict[str, Section]) -> None:
 
 
 def _section(name: str, line: int, texts: Mapping[str, str]) -> Section:
-    return Section(name, line, {key.lower(): Item(key, value, line) for key, value in texts.items()})
+    return Section(name, line, {key.lower(): Item(line, name, key, value) for key, value in texts.items()})
 
 
-def _sorted_out(sections: Mapping[str, Section], report: Report) -> tuple[dict[int, _Object], dict[str, Section]]:
-    """Objects by index, and the other sections."""
-    objects: dict[int, _Object] = {}
-    others: dict[str, Section] = {}
-    for name, section in sections.items():
-        match = re.fullmatch(r"([0-9A-F]{4})(?:sub([0-9A-F]+)|(Name|Value))?", name)
-        if match is None:
-            others[name] = section
-            continue
-        item = objects.setdefault(int(match[1], 16), _Object(Section(match[1], section.line)))
-        if match[2] is None:
-            setattr(item, {None: "main", "Name": "names", "Value": "values"}[match[3]], section)
-        elif int(match[2], 16) > 0xFF:
-            report.refuse(section.line, name, "sub-index", match[2], "a sub-index must be 0..FF")
-        else:
-            item.subs[int(match[2], 16)] = section
-    return objects, others
-
-
-def _number(section: Section, key: str, report: Report, *, required: bool = False) -> str:
-    """A number that every reader accepts, "" without one."""
+def _number(section: Section, key: str, report: Report, *, required: bool = False) -> int | None:
+    """A number, None without one. A spelling that not every reader accepts is a repair."""
     item = section.get(key)
-    if is_plain(item.value) or not item.value:
-        return item.value
     try:
         value = number(item.value)
     except ValueError as error:
         value = None
         if required:
-            report.refuse(item.line, section.name, item.key, item.value, str(error))
-    used = "" if value is None else str(value)
-    report.repair(item.line, section.name, item.key, item.value, used)
-    return used
+            report.refuse(item, str(error))
+    if item.value and (value is None or not is_plain(item.value)):
+        report.repair(item, "" if value is None else str(value))
+    return value
 
 
 def _section_texts(section: Section, report: Report) -> dict[str, str]:
     """A section that describes file or device, or one that only its writer uses."""
-    texts = {_KEYS.get(key, item.key): item.value for key, item in section.items.items()}
     if section.name == "Comments":
         lines = [item.value for key, item in section.items.items() if re.fullmatch(r"line[0-9]+", key)]
         return {"Lines": str(len(lines))} | {f"Line{line}": text for line, text in enumerate(lines, 1)}
+    texts = _texts(section)
     for key in _NUMBERS.get(section.name, ()):
         texts.pop(section.get(key).key, None)
-        used = _number(section, key, report, required=key in _IDENTITY_KEYS)
-        if section.name != "DeviceInfo":  # canopen reads decimal numbers only here
-            used = str(int(used or "0", 0)) if used or section.name == "DummyUsage" else ""
-        if used:
-            texts[key] = used
+        value = _number(section, key, report, required=key in _IDENTITY_KEYS)
+        if value is not None or section.name == "DummyUsage":
+            texts[key] = str(value or 0)
     return texts
 
 
 # -- one object -------------------------------------------------------------------------------------------------------
 
 
-def _object_texts(name: str, item: _Object, others: Mapping[str, Mapping[str, str]], report: Report) -> Texts:
+def _object_texts(main: Section, subs: dict[int, Section], sections: Mapping[str, Section], report: Report) -> Texts:
     """The sections of an object; none where it is a type definition or has been refused."""
-    main, found = item.main, item.main.text("ObjectType")
-    _write_out_compact(name, item, report)
-    stated = int(_number(main, "ObjectType", report) or str(_VAR), 0)
-    if max(item.subs, default=0) > 0 or (item.subs and not main.text("DataType")):
-        kind = stated if stated in (_ARRAY, _RECORD) else _RECORD
-    elif main.text("DataType") or stated == _DOMAIN_OBJECT or (not found and main.items):
-        kind = stated if stated in (_VAR, _DOMAIN_OBJECT) else _VAR
-    else:
+    name, found = main.name, main.get("ObjectType")
+    _write_out_compact(main, subs, sections, report)
+    stated = _number(main, "ObjectType", report)
+    if stated is None:
+        stated = _VAR
+    typed = main.text("DataType")
+    structured = max(subs, default=0) > 0 or (subs and not typed)
+    if not (structured or typed or stated == _DOMAIN_OBJECT or (not found.value and main.items)):
         if stated not in (_NULL, _DEFTYPE, _DEFSTRUCT):
-            reason = "an object without entries: it has neither sub-indices nor a data type"
-            report.refuse(main.get("ObjectType").line, name, "ObjectType", found, reason)
+            report.refuse(found, "an object without entries: it has neither sub-indices nor a data type")
         return {}
+    kinds = (_RECORD, _ARRAY) if structured else (_VAR, _DOMAIN_OBJECT)
+    kind = stated if stated in kinds else kinds[0]
     if kind != stated:
-        report.repair(main.get("ObjectType").line, name, "ObjectType", found, f"0x{kind:X}")
-    if kind in (_VAR, _DOMAIN_OBJECT):
-        return {name: _entry_texts(main, kind, others, report)}
-    if 0 not in item.subs:
-        access = "rw" if is_mapping_parameter(int(name, 16)) else "ro"
-        item.subs[0] = _section(f"{name}sub0", main.line, _count_texts(max(item.subs), access))
-        report.repair(main.line, f"{name}sub0", "", "", f"highest sub-index {max(item.subs)}")
-    head = {"ParameterName": _name(main, report), "ObjectType": f"0x{kind:X}"}
-    subs = {
-        f"{name}sub{sub:X}": _entry_texts(item.subs[sub], _VAR, others, report, count=sub == 0)
-        for sub in sorted(item.subs)
+        report.repair(found, f"0x{kind:X}")
+    if not structured:
+        return {name: _entry_texts(main, kind, sections, report)}
+    if 0 not in subs:
+        subs[0] = _count(name, main.line, max(subs), "rw" if is_mapping_parameter(int(name, 16)) else "ro")
+        report.repair(Item(main.line, f"{name}sub0", "", ""), f"highest sub-index {max(subs)}")
+    head = {"ParameterName": _name(main, report), "ObjectType": f"0x{kind:X}", "SubNumber": str(len(subs))}
+    return {name: head | _texts(main, _HANDLED)} | {
+        f"{name}sub{sub:X}": _entry_texts(subs[sub], _VAR, sections, report, count=sub == 0) for sub in sorted(subs)
     }
-    return {name: head | {"SubNumber": str(len(subs))} | _further_texts(main)} | subs
 
 
-def _write_out_compact(name: str, item: _Object, report: Report) -> None:
+def _write_out_compact(
+    main: Section, subs: dict[int, Section], sections: Mapping[str, Section], report: Report
+) -> None:
     """CompactSubObj, [xxxxName] and [xxxxValue] written out as sub-indices; described ones stay."""
-    main = item.main
-    stated = int(_number(main, "CompactSubObj", report) or "0", 0)
+    item = main.get("CompactSubObj")
+    stated = _number(main, "CompactSubObj", report) or 0
     count = max(0, min(stated, _SUBINDEX_MAX))
-    line = main.get("CompactSubObj").line
     if count != stated:
-        report.repair(line, name, "CompactSubObj", str(stated), str(count))
-    if count and 0 not in item.subs:
-        item.subs[0] = _section(f"{name}sub0", line, _count_texts(count, "ro"))
-    for sub in set(range(1, count + 1)) - item.subs.keys():
-        found, value = item.names.get(str(sub)), item.values.get(str(sub))
+        report.repair(item, str(count))
+    if count:
+        subs.setdefault(0, _count(main.name, item.line, count, "ro"))
+    names, values = (sections.get(main.name + kind, Section("", 0)) for kind in ("Name", "Value"))
+    for sub in set(range(1, count + 1)) - subs.keys():
+        name, value = f"{main.name}sub{sub:X}", values.get(str(sub))
         texts = {
-            "ParameterName": found.value or f"{main.text('ParameterName')}{sub}",
+            "ParameterName": names.text(str(sub)) or f"{main.text('ParameterName')}{sub}",
             "ParameterValue": value.value,
         }
-        items = {key: known for key, known in main.items.items() if key in _ELEMENT_KEYS}
-        item.subs[sub] = Section(f"{name}sub{sub:X}", line, items | _section("", value.line, texts).items)
+        inherited = {key: known for key, known in main.items.items() if key in _ELEMENT_KEYS}
+        subs[sub] = Section(name, item.line, inherited | _section(name, value.line, texts).items)
 
 
-def _count_texts(highest: int, access: str) -> dict[str, str]:
+def _count(name: str, line: int, highest: int, access: str) -> Section:
     """Sub-index 0 of an object."""
     texts = {"ParameterName": "Highest sub-index supported", "DataType": f"0x{UNSIGNED8:04X}", "AccessType": access}
-    return texts | {"DefaultValue": str(highest)}
+    return _section(f"{name}sub0", line, texts | {"DefaultValue": str(highest)})
 
 
 def _name(section: Section, report: Report) -> str:
     name = section.text("ParameterName")
     if not name:
         name = f"Object {section.name}"
-        report.repair(section.get("ParameterName").line, section.name, "ParameterName", "", name)
+        report.repair(section.get("ParameterName"), name)
     return name
 
 
-def _further_texts(section: Section) -> dict[str, str]:
-    return {_KEYS.get(key, item.key): item.value for key, item in section.items.items() if key not in _HANDLED}
+def _texts(section: Section, handled: Collection[str] = ()) -> dict[str, str]:
+    """The texts as they are, in canopen's spelling of their keys, without those of ``handled`` keys."""
+    return {_KEYS.get(key, item.key): item.value for key, item in section.items.items() if key not in handled}
 
 
 def _entry_texts(
-    section: Section, kind: int, others: Mapping[str, Mapping[str, str]], report: Report, *, count: bool = False
+    section: Section, kind: int, sections: Mapping[str, Section], report: Report, *, count: bool = False
 ) -> dict[str, str]:
     """A VAR, or one sub-index; ``count``: sub-index 0."""
-    data_type = _data_type(section, kind, others, report, count=count)
+    data_type = _data_type(section, kind, sections, report, count=count)
     access = section.get("AccessType")
     word = re.sub(r"[\s_/-]", "", without_comment(access.value).lower())
     used = word if word in _ACCESS else _ACCESS_SPELLED.get(word, "ro" if count else "rw")
     if access.value.lower() != used:
-        report.repair(access.line, section.name, "AccessType", access.value, used)
+        report.repair(access, used)
     texts = {
         "ParameterName": _name(section, report),
         "ObjectType": f"0x{kind:X}",
         "DataType": f"0x{data_type:04X}",
         "AccessType": used,
-        "PDOMapping": str(int(_number(section, "PDOMapping", report) or "0", 0)),
+        "PDOMapping": str(_number(section, "PDOMapping", report) or 0),
     }
     for key in _VALUE_KEYS:
         item = section.get(key)
         try:
-            text = (limit_text if key in _LIMITS else value_text)(data_type, item.value)
+            text = value_text(data_type, item.value, limit=key in _LIMITS)
         except ValueError:
             text = ""
         # Hexadecimal two's complement of a signed number is right, though canopen does not apply its sign.
         if text != item.value and not (text.startswith("-") and item.value.lower().startswith("0x")):
-            report.repair(item.line, section.name, item.key, item.value, text)
+            report.repair(item, text)
         if text:
             texts[key] = text
     low, high = (texts.get(key, "") for key in _LIMITS)
     if is_plain(low) and is_plain(high) and int(low, 0) > int(high, 0):
         for key in _LIMITS:
-            item = section.get(key)
-            report.repair(item.line, section.name, item.key, item.value, "")
+            report.repair(section.get(key), "")
             del texts[key]
-    return texts | _further_texts(section)
+    return texts | _texts(section, _HANDLED)
 
 
-def _data_type(
-    section: Section, kind: int, others: Mapping[str, Mapping[str, str]], report: Report, *, count: bool
-) -> int:
+def _data_type(section: Section, kind: int, sections: Mapping[str, Section], report: Report, *, count: bool) -> int:
     """The simple data type; DOMAIN (bytes) for an unknown one."""
-    item = section.get("DataType")
-    text = _number(section, "DataType", report, required=True)
-    if not text:
-        if not count and kind != _DOMAIN_OBJECT:
-            if not item.value:
-                report.refuse(item.line, section.name, item.key, "", "the data type is missing")
-            return DOMAIN
-        used = UNSIGNED8 if count else DOMAIN
-    else:
-        code = int(text, 0)
-        if code in DATA_TYPES:
-            return code
-        declared = others.get(f"{code:X}sub1", {}).get("DefaultValue", "")  # an editor's own data type
+    item, used = section.get("DataType"), UNSIGNED8 if count else DOMAIN
+    code = _number(section, "DataType", report, required=True)
+    if code in DATA_TYPES:
+        return code
+    if code is None and not count and kind != _DOMAIN_OBJECT:
+        if not item.value:
+            report.refuse(item, "the data type is missing")
+        return DOMAIN
+    if code is not None:
+        # An editor's own data type.
+        declared = sections.get(f"{code:X}sub1", Section("", 0)).text("DefaultValue")
         used = int(declared, 0) if is_plain(declared) and int(declared, 0) in DATA_TYPES else DOMAIN
-    report.repair(item.line, section.name, item.key, item.value, f"0x{used:04X}")
+    report.repair(item, f"0x{used:04X}")
     return used

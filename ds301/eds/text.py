@@ -48,13 +48,23 @@ class Problem:
 class EdsError(CanopenError):
     """A file that cannot be imported; ``problems`` names every line that has to be corrected, in order."""
 
-    def __init__(self, problems: tuple[Problem, ...]) -> None:
+    def __init__(self, *problems: Problem) -> None:
         self.problems = problems
         first = problems[0]
         super().__init__(f"EDS line {first.line}", first.found, first.reason)
 
     def __str__(self) -> str:
         return "; ".join(str(problem) for problem in self.problems)
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """``key=value`` of a line, or another line with an empty key."""
+
+    line: int
+    section: str
+    key: str
+    value: str
 
 
 @dataclass(slots=True)
@@ -64,20 +74,11 @@ class Report:
     repairs: list[Repair] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
 
-    def repair(self, line: int, section: str, key: str, found: str, used: str) -> None:
-        self.repairs.append(Repair(line, section, key, found, used))
+    def repair(self, item: Item, used: str) -> None:
+        self.repairs.append(Repair(item.line, item.section, item.key, item.value, used))
 
-    def refuse(self, line: int, section: str, key: str, found: str, reason: str) -> None:
-        self.problems.append(Problem(line, section, key, found, reason))
-
-
-@dataclass(frozen=True, slots=True)
-class Item:
-    """``key=value`` of a line."""
-
-    key: str
-    value: str
-    line: int
+    def refuse(self, item: Item, reason: str) -> None:
+        self.problems.append(Problem(item.line, item.section, item.key, item.value, reason))
 
 
 @dataclass(slots=True)
@@ -90,7 +91,7 @@ class Section:
 
     def get(self, key: str) -> Item:
         """The entry of a key; an empty one where it is missing."""
-        return self.items.get(key.lower()) or Item(key, "", self.line)
+        return self.items.get(key.lower()) or Item(self.line, self.name, key, "")
 
     def text(self, key: str) -> str:
         """The value of a key, "" where it is missing."""
@@ -110,7 +111,6 @@ _TYPES = ("objecttype", "datatype", "compactsubobj", "vendornumber", "productnum
 _VALUES = ("defaultvalue", "parametervalue", "lowlimit", "highlimit")
 """Keys that have no value if the file gives two different ones. Of all others the first counts, as for an INI reader."""
 _OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:[\s_.]*sub[\s_]*(?:0x)?([0-9a-f]+)|(name|value))?", re.IGNORECASE)
-_OBJECT_PLAIN = re.compile(r"[0-9a-f]{4}(?:sub0*[0-9a-f]{1,2}|name|value)?", re.IGNORECASE)
 
 
 _OTHER_FILES = {
@@ -130,7 +130,7 @@ def decode(data: bytes, report: Report) -> str:
     head = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
     for pattern, kind in _OTHER_FILES.items():
         if re.match(pattern, head, re.IGNORECASE | re.DOTALL):
-            raise EdsError((Problem(1, "", "file", "", f"{kind}, expected an EDS or DCF"),))
+            raise EdsError(Problem(1, "", "file", "", f"{kind}, expected an EDS or DCF"))
     encodings: tuple[str, ...] = ("utf-8", "cp1252", "latin-1")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ("utf-16",)
@@ -148,29 +148,27 @@ def decode(data: bytes, report: Report) -> str:
         except UnicodeDecodeError as error:
             line = line or data.count(b"\n", 0, error.start) + 1
     else:
-        raise EdsError((Problem(line, "", "encoding", encoding, "cut or damaged text"),))
+        raise EdsError(Problem(line, "", "encoding", encoding, "cut or damaged text"))
     if encoding != "utf-8":
-        report.repair(line or 1, "", "encoding", encoding, "utf-8")
+        report.repair(Item(line or 1, "", "encoding", encoding), "utf-8")
     used = text.rstrip("\0\x1a")
     if "\0" in used:
         line = used.count("\n", 0, used.index("\0")) + 1
-        raise EdsError((Problem(line, "", "text", "\0", "binary data, not an EDS or DCF"),))
+        raise EdsError(Problem(line, "", "text", "\0", "binary data, not an EDS or DCF"))
     if used != text:
-        report.repair(used.count("\n") + 1, "", "end of file", text[len(used)], "")
+        report.repair(Item(used.count("\n") + 1, "", "end of file", text[len(used)]), "")
     shown = printable(used)
     if shown != used:
-        report.repair(0, "", "control characters", "", "escaped")
+        report.repair(Item(0, "", "control characters", ""), "escaped")
     return shown
 
 
-def _canonical_name(name: str) -> tuple[str, bool]:
-    """The name of a section as CiA 306 spells it, and whether more than case and leading zeros had to be changed."""
-    if known := _KNOWN.get(name.lower()):
-        return known, known.lower() != name.lower()
+def _canonical_name(name: str) -> str:
+    """The name of a section as CiA 306 spells it."""
     if match := _OBJECT.fullmatch(name):
         sub = "" if match[2] is None else f"sub{int(match[2], 16):X}"
-        return match[1].upper() + sub + (match[3] or "").capitalize(), not _OBJECT_PLAIN.fullmatch(name)
-    return name, False
+        return match[1].upper() + sub + (match[3] or "").capitalize()
+    return _KNOWN.get(name.lower(), name)
 
 
 def parse(text: str, report: Report) -> dict[str, Section]:
@@ -184,49 +182,46 @@ def parse(text: str, report: Report) -> dict[str, Section]:
         if content[0] == "[":
             section = _header(content, line, sections, report)
             continue
-        key, separator, value = content.partition("=")
-        key = key.strip()
+        key, separator, value = (part.strip() for part in content.partition("="))
         if section is None or not separator or not re.fullmatch(r"[^:=\[;#][^:=;]*", key):
-            report.repair(line, "" if section is None else section.name, "", content, "")
+            report.repair(Item(line, "" if section is None else section.name, "", content), "")
             continue
         # CiA 306 has comment lines only; every reader also accepts text after blank and semicolon as a comment.
-        used = re.split(r"(?:^|\s);", value.strip(), maxsplit=1)[0].strip()
-        if used != value.strip():
-            report.repair(line, section.name, key, value.strip(), used)
-        _add(section, Item(key, used, line), report)
+        used = re.split(r"(?:^|\s);", value, maxsplit=1)[0].strip()
+        if used != value:
+            report.repair(Item(line, section.name, key, value), used)
+        _add(section, Item(line, section.name, key, used), report)
     # Not the section whose entries canopen's reader uses as defaults of every other.
     return {name: section for name, section in sections.items() if name not in ("", "DEFAULT")}
 
 
 def _header(content: str, line: int, sections: dict[str, Section], report: Report) -> Section:
     inside, bracket, rest = content[1:].partition("]")
-    name, changed = _canonical_name(inside.partition(";")[0].strip())
+    spelled = inside.partition(";")[0].strip()
+    name = _canonical_name(spelled)
+    changed = re.sub("sub0+(?=.)", "sub", spelled.lower()) != name.lower()
+    item = Item(line, name, "", content)
     if not bracket and name not in _KNOWN.values() and not _OBJECT.fullmatch(name):
-        report.refuse(line, name, "", content, "the header of a section must end with ]")
+        report.refuse(item, "the header of a section must end with ]")
     elif name in ("", "DEFAULT"):
-        report.repair(line, name, "", content, "")
+        report.repair(item, "")
     elif changed or not bracket or (rest.strip() and rest.strip()[0] not in ";#"):
-        report.repair(line, name, "", content, f"[{name}]")
-    known = sections.get(name)
-    if known is None:
-        known = sections[name] = Section(name, line)
-    else:
-        report.repair(line, name, "", content, f"joined with line {known.line}")
-    return known
+        report.repair(item, f"[{name}]")
+    if name in sections:
+        report.repair(item, f"joined with line {sections[name].line}")
+    return sections.setdefault(name, Section(name, line))
 
 
 def _add(section: Section, item: Item, report: Report) -> None:
     key = item.key.lower()
-    known = section.items.get(key)
-    if known is None:
-        section.items[key] = item
+    known = section.items.setdefault(key, item)
+    if known is item:
         return
     used = known if known.value else item
     if known.value and item.value and not same_value(known.value, item.value):
         if key in _TYPES:
-            reason = f"contradicts {known.value!r} in line {known.line}"
-            report.refuse(item.line, section.name, item.key, item.value, reason)
+            report.refuse(item, f"contradicts {known.value!r} in line {known.line}")
         elif key in _VALUES:
-            used = Item(item.key, "", item.line)
-    report.repair(item.line, section.name, item.key, item.value, used.value)
+            used = Item(item.line, item.section, item.key, "")
+    report.repair(item, used.value)
     section.items[key] = used

@@ -76,13 +76,15 @@ def same_value(left: str, right: str) -> bool:
         return False
 
 
-def value_text(data_type: int, text: str) -> str:
-    """A DefaultValue or ParameterValue in a spelling that canopen's importer reads; "" without a value.
+def value_text(data_type: int, text: str, *, limit: bool = False) -> str:
+    """A value, or a ``limit``, in a spelling that canopen's importer reads; "" without a value.
 
     ValueError for a text that is not a value of the type.
     """
     if data_type in INTEGERS:
-        return _integer_text(data_type, text)
+        return _integer_text(data_type, text, limit=limit)
+    if limit:
+        return text
     if data_type in _REALS:
         return _real_text(data_type, without_comment(text))
     if data_type in _OCTETS:
@@ -92,7 +94,7 @@ def value_text(data_type: int, text: str) -> str:
     return text
 
 
-def _integer_text(data_type: int, text: str) -> str:
+def _integer_text(data_type: int, text: str, *, limit: bool) -> str:
     bits, signed = INTEGERS[data_type]
     offset = _node_id_offset(text)
     if offset is not None:
@@ -103,9 +105,11 @@ def _integer_text(data_type: int, text: str) -> str:
     if value is None:
         return ""
     low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
-    # Two's complement of this or a longer type, or a negative number as an unsigned one.
-    widths = [width for width in (bits, 32, 64) if 1 << (width - 1) <= value < 1 << width] if signed else []
-    readings = [value, *(value - (1 << width) for width in widths), *([] if signed else [value + (1 << bits)])]
+    # Two's complement of this type; of a value also that of a longer type, or a negative number as an unsigned one.
+    widths = (bits,) if limit else (bits, 32, 64)
+    readings = [value, *(value - (1 << width) for width in widths if signed and value >> (width - 1) == 1)]
+    if not signed and not limit:
+        readings.append(value + (1 << bits))
     fitting = [reading for reading in readings if low <= reading <= high]
     if not fitting:
         raise ValueError(f"outside the {bits} bits of its data type")
@@ -133,20 +137,3 @@ def _real_text(data_type: int, text: str) -> str:
     if text and not ("_" not in text and math.isfinite(float(text))):
         raise ValueError("not a finite number")
     return text
-
-
-def limit_text(data_type: int, text: str) -> str:
-    """A LowLimit or HighLimit as a number of the type, "" where it limits nothing; ValueError for a text without a number."""
-    if data_type not in INTEGERS:
-        return text
-    value = number(text)
-    if value is None:
-        return ""
-    bits, signed = INTEGERS[data_type]
-    if signed and 1 << (bits - 1) <= value < 1 << bits:
-        value -= 1 << bits
-        text = str(value)
-    low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
-    if not low <= value <= high:
-        return ""
-    return text if is_plain(text) else str(value)
