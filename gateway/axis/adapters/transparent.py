@@ -78,9 +78,6 @@ class TransparentAdapter(Adapter):
         self._armed = self._armed or not acknowledge
         demand.raw = setpoints
 
-    def kept(self, demand: Demand) -> tuple[object, ...]:
-        return ()
-
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[:] = report.raw
         actuals[self._mode_display] &= _BYTE
