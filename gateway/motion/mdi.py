@@ -11,6 +11,7 @@ from typing import Protocol
 
 from pdgw.gateway.motion.positioner import ACTIVATE, HELD, HOME, Positioner
 from pdgw.gateway.motion.requests import (
+    Command,
     HomingResult,
     MotionKind,
     PositionerRequest,
@@ -30,6 +31,8 @@ _SETTINGS = PositionerSettings(
     jog_distances=(0, 0),
 )
 _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOMING
+_SELECTED = Command.DO_NOT_REJECT | Command.MDI
+_HOMES = Command.DO_NOT_REJECT | HOME
 
 
 class MdiDrive(Protocol):
@@ -76,16 +79,16 @@ class MdiPositioner(Positioner):
         result, course = self.result, self._course
         self.before = self._state
         course.look(False)
-        if request.controls != self._controls or self._edges:
-            self._controls = request.controls
+        if request.commands != self._commands or self._edges:
             self._find_edges()
         if self._state is _BRAKING and request.operating:
             self._take_while_braking(request)
-        calm = request.operating and request.do_not_reject and not self._edges
+        accepts = request.commands & Command.DO_NOT_REJECT != 0
+        calm = request.operating and accepts and not self._edges
         self._take_transition(calm)
         if self._state is not _HOMING:
             course.follow(request, now)
-        if not request.do_not_reject:
+        if not accepts:
             self._clear()
         result.reason = self._reason(request)
         if self._state is not _BRAKING:
@@ -100,25 +103,23 @@ class MdiPositioner(Positioner):
         idle = before is _IDLE or (before is _HOMING and self.seen.homing is not HomingResult.RUNNING)
         warning = self.result.warning
         if state is _IDLE and idle and (warning is None or warning in HELD):
-            if warning is not None and not request.do_not_reject:
+            if warning is not None and not request.commands & Command.DO_NOT_REJECT:
                 return Reason.REJECTED
-            if not request.mdi:
+            if not request.commands & Command.MDI:
                 return Reason.MDI_OFF
-            if warning is Reason.LOST_EDGE and not request.no_intermediate_stop:
+            if warning is Reason.LOST_EDGE and not request.commands & Command.NO_INTERMEDIATE_STOP:
                 return Reason.INTERMEDIATE_STOP
         return self._course.held
 
-    def _events(self) -> dict[Event, Callable[[], bool]]:
+    def _events(self) -> dict[Event, Callable[[], int]]:
         return {
             **super()._events(),
-            Event.DESELECTED: lambda: not self.request.mdi,
+            Event.DESELECTED: lambda: not self.request.commands & Command.MDI,
             Event.HOMING: self._take_homing,
-            Event.HOMING_LOST: lambda: (
-                self._edges & HOME != 0 and not (self.request.do_not_reject and self.request.mdi)
-            ),
-            Event.HOMING_OVER: lambda: not self.request.homing and not self._homes(),
+            Event.HOMING_LOST: lambda: self._edges & HOME and self.request.commands & _SELECTED != _SELECTED,
+            Event.HOMING_OVER: lambda: not self.request.commands & HOME and not self._homes(),
             Event.MDI: self._take_edge,
-            Event.REACHED: lambda: self.request.no_intermediate_stop and self._course.arrived(),
+            Event.REACHED: lambda: self.request.commands & Command.NO_INTERMEDIATE_STOP and self._course.arrived(),
             Event.STANDING: lambda: self.seen.stopped,
             Event.STANDING_HOMING: lambda: self.seen.stopped and self.homing is not None,
             Event.STANDING_TASK: lambda: self.seen.stopped and self._waiting is not None,
@@ -133,9 +134,10 @@ class MdiPositioner(Positioner):
     def _take_homing(self) -> bool:
         """The edge of a homing that the drive has."""
         request, edge = self.request, self._edges & HOME != 0
-        if edge and not request.do_not_reject:
+        accepts = request.commands & Command.DO_NOT_REJECT != 0
+        if edge and not accepts:
             self._warn(Reason.LOST_HOMING)
-        if not self._drive.require_homing(edge=edge and request.do_not_reject):
+        if not self._drive.require_homing(edge=edge and accepts):
             return False
         self.homing = (request.homing_method, request.velocity)
         return True
@@ -150,7 +152,7 @@ class MdiPositioner(Positioner):
 
     def _take_task_after_homing(self) -> bool:
         """During a homing an edge starts nothing, but in the frame that ends one that is done or that the drive has not begun."""
-        if self.request.homing or self._homes():
+        if self.request.commands & HOME or self._homes():
             return False
         self._warn(None)
         return self._take_edge()
@@ -161,7 +163,8 @@ class MdiPositioner(Positioner):
         if not self._edges & ACTIVATE:
             return
         refusal: Reason | None = None
-        if not (request.mdi and request.do_not_reject and (request.no_intermediate_stop or self._state is _MDI)):
+        selected = request.commands & _SELECTED == _SELECTED
+        if not (selected and (request.commands & Command.NO_INTERMEDIATE_STOP or self._state is _MDI)):
             refusal = Reason.LOST_EDGE
         elif not (goal := self._drive.converted(request)).velocity:
             refusal = Reason.TASK_SPEED_ZERO
@@ -176,10 +179,10 @@ class MdiPositioner(Positioner):
     def _take_while_braking(self, request: PositionerRequest) -> None:
         if self._take_homing():
             self._waiting = None
-        elif not (request.homing and request.do_not_reject):
+        elif request.commands & _HOMES != _HOMES:
             self.homing = None
         self._take_task()
-        if not (request.do_not_reject and request.mdi):
+        if request.commands & _SELECTED != _SELECTED:
             self._waiting = None
 
     # -- functions ------------------------------------------------------------------------------------------------------
@@ -203,7 +206,7 @@ class MdiPositioner(Positioner):
         if homes:
             self._take_while_braking(request)
         stopped = Reason.HOMING_STOPPED if homes else Reason.MDI_OFF
-        self._braking_reason = stopped if request.do_not_reject else Reason.REJECTED
+        self._braking_reason = stopped if request.commands & Command.DO_NOT_REJECT else Reason.REJECTED
 
     def _brake_to_home(self) -> None:
         self._braking_reason = None

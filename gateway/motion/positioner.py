@@ -15,8 +15,10 @@ from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.requests import (
+    DIRECTIONS,
     FULL,
     NOTHING,
+    Command,
     HomingResult,
     MotionKind,
     PositionerFeedback,
@@ -31,23 +33,28 @@ from pdgw.gateway.reasons import Reason
 
 SHOWN_NS: Final = 100 * MS
 """Minimum time of POS_ZSW1.11 = 1 for homing and a set reference point, because masters poll it."""
-_BOTH = (True, True)
-ACTIVATE, EXTERNAL, REFERENCE, HOME = 1, 2, 4, 8
-"""Bits whose rising edges count."""
+ACTIVATE, HOME = Command.ACTIVATE_TASK, Command.START_HOMING
+_DO_NOT_REJECT, _MDI_SELECTED, _ABSOLUTE = Command.DO_NOT_REJECT, Command.MDI, Command.ABSOLUTE
+_PASSIVE_HOMING: Final = Command.PASSIVE_HOMING
+RISING: Final = ACTIVATE | HOME | Command.EXTERNAL_BLOCK_CHANGE | Command.SET_REFERENCE_POINT
+"""Commands whose rising edges count."""
+_ON_THE_FLY: Final = HOME | _PASSIVE_HOMING
+_UPDATES: Final = Command.CONTINUOUS_UPDATE | ACTIVATE
+_JOGS: Final = Command.JOG_1_ON | Command.JOG_2_ON
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
 """Functions an intermediate stop keeps, and an edge during it replaces."""
 _DISTURBANCES = frozenset(
     {Event.NOT_OPERATING, Event.REJECTED, Event.TASK_REFUSED, Event.MDI, Event.SETTING_UP, Event.BLOCK}
 )
 """Events that are impossible in a calm step: in operation, not rejected, without the edge of a task."""
-_Row = tuple[Callable[[], bool], Callable[[], None], Transition]
+_Row = tuple[Callable[[], int], Callable[[], None], Transition]
 _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLOCK: State.BLOCK}
 
 
 _OFF, _IDLE, _MDI, _SETTING_UP = State.OFF, State.IDLE, State.MDI, State.SETTING_UP
 _HOMING, _TRACKING = State.HOMING, State.TRACKING
 _MDI_TASK, _SETTING_UP_TASK, _BLOCK_TASK = Event.MDI, Event.SETTING_UP, Event.BLOCK
-_SHORTEST, _POSITIVE, _NEGATIVE = Direction.SHORTEST, Direction.POSITIVE, Direction.NEGATIVE
+_SHORTEST, _POSITIVE = Direction.SHORTEST, Direction.POSITIVE
 _REJECTED = Reason.REJECTED
 HELD = {Reason.LOST_EDGE: ACTIVATE, Reason.EARLY_EDGE: ACTIVATE, Reason.LOST_HOMING: HOME}
 """Warnings of an edge that started nothing, with its bit. They end with the next task, with operation, or (all but the first)
@@ -61,13 +68,11 @@ class _Task:
     event: Event
     refusal: Reason | None
     block: int
-    absolute: bool
+    commands: int
     target: int
     velocity: int
     acceleration: int
     deceleration: int
-    positive: bool
-    negative: bool
     direction: Direction
     """Direction of an absolute task of a modulo axis; both bits together are rejected."""
 
@@ -78,8 +83,7 @@ class _Task:
             and request.velocity == self.velocity
             and request.acceleration == self.acceleration
             and request.deceleration == self.deceleration
-            and request.positive is self.positive
-            and request.negative is self.negative
+            and not (request.commands ^ self.commands) & DIRECTIONS
         )
 
 
@@ -109,20 +113,18 @@ class Positioner:
         """The task that runs."""
         self._owed = False
         """STW1.6 is still 1 after the edge of the task: acknowledge the task."""
-        self._armed = (False, False)
-        """Jog 1 and jog 2 may start: the bit was 0 in operation, and has started nothing since."""
+        self._armed = 0
+        """The bits of the jogs that may start: the bit was 0 in operation, and has started nothing since."""
         self._jog = 0
-        """The one that moves the axis; 0: none."""
+        """The bit of the one that moves the axis; 0: none."""
         self._homing_until = 0
         """End of POS_ZSW1.11 = 1, monotonic ns; 0: it has ended."""
         self._probe_requested = False
         """Passive homing was requested in the last step."""
-        self._controls: tuple[int, ...] | None = None
-        """The control words whose bits were evaluated last."""
-        self._levels = 0
-        """The bits whose edges count, in the last frame; not kept out of operation."""
+        self._commands = 0
+        """The commands that were evaluated last; out of operation without those whose edges count."""
         self._edges = 0
-        """Those that rose in the last frame."""
+        """Those that rose then."""
         self._homing_waits = False
         """An edge of STW1.11 that came while the axis was braking, or now."""
         events, actions = self._events(), self._actions()
@@ -136,12 +138,12 @@ class Positioner:
         }
         """The transitions with what finds an event and what does an action: all rows of a state, and those of a calm step."""
 
-    def _events(self) -> dict[Event, Callable[[], bool]]:
+    def _events(self) -> dict[Event, Callable[[], int]]:
         """The checks of the events."""
         return {
             Event.NOT_OPERATING: lambda: not self.request.operating,
             Event.OPERATING: lambda: self.request.operating,
-            Event.REJECTED: lambda: not self.request.do_not_reject,
+            Event.REJECTED: lambda: not self.request.commands & _DO_NOT_REJECT,
             Event.TASK_REFUSED: lambda: self._pending is not None and self._pending.refusal is not None,
             Event.MDI: lambda: self._pending is not None and self._pending.event is Event.MDI,
             Event.SETTING_UP: lambda: self._pending is not None and self._pending.event is Event.SETTING_UP,
@@ -150,15 +152,15 @@ class Positioner:
             Event.REACHED: self._finished,
             Event.BLOCK_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is not None,
             Event.CHAIN_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is None,
-            Event.JOG: lambda: not self.request.jog_incremental and self._jog_asked(),
-            Event.JOG_INCREMENTAL: lambda: self.request.jog_incremental and self._jog_asked(),
+            Event.JOG: lambda: not self.request.commands & Command.JOG_INCREMENTAL and self._jog_asked(),
+            Event.JOG_INCREMENTAL: lambda: self.request.commands & Command.JOG_INCREMENTAL and self._jog_asked(),
             Event.JOG_RELEASED: lambda: self._jog_bit() != self._jog,
             Event.HOMING: lambda: self._homing_waits,
-            Event.HOMING_WITHDRAWN: lambda: not self.request.homing,
+            Event.HOMING_WITHDRAWN: lambda: not self.request.commands & HOME,
             Event.HOMING_ATTAINED: lambda: self._homing_is(HomingResult.ATTAINED),
             Event.HOMING_FAILED: lambda: self._homing_is(HomingResult.FAILED),
-            Event.TRACKING: lambda: self.request.tracking,
-            Event.TRACKING_OFF: lambda: not self.request.tracking,
+            Event.TRACKING: lambda: self.request.commands & Command.TRACKING,
+            Event.TRACKING_OFF: lambda: not self.request.commands & Command.TRACKING,
             Event.STANDING: lambda: self.seen.standstill,
         }
 
@@ -214,15 +216,15 @@ class Positioner:
     def step(self, request: PositionerRequest, now: int) -> PositionerResult:
         """Run one cycle. ``now``: monotonic nanoseconds."""
         self.request, self._now = request, now
-        result, course = self.result, self._course
+        result, course, commands = self.result, self._course, request.commands
         if self._owed:
             self._show_acknowledge()
-        course.look(request.software_limits and result.home_set)
-        if request.controls != self._controls or request.operating is (self._state is _OFF):
+        course.look(commands & Command.SOFTWARE_LIMITS != 0 and result.home_set)
+        if commands != self._commands or request.operating is (self._state is _OFF):
             self._read_request(request)
-        if (request.homing or self._probe_requested) and self._state is not _OFF:
+        if (commands & HOME or self._probe_requested) and self._state is not _OFF:
             self._home_on_the_fly()
-        calm = request.operating and request.do_not_reject and self._pending is None
+        calm = request.operating and commands & _DO_NOT_REJECT != 0 and self._pending is None
         self._take_transition(calm)
         if self._chain.block is not None:
             self._chain.look_ahead()
@@ -237,7 +239,7 @@ class Positioner:
             if happened():
                 act()
                 if row.lost:
-                    bits = self._levels & ~(HOME * self.request.passive_homing)
+                    bits = self._commands if not self._commands & _PASSIVE_HOMING else self._commands & ~HOME
                     self._warn(next((warning for warning in row.lost if bits & HELD[warning]), self.result.warning))
                 self._state = self.result.state = row.target
                 break
@@ -246,108 +248,97 @@ class Positioner:
 
     def _read_request(self, request: PositionerRequest) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
-        self._controls = request.controls
         self._find_edges()
         if not request.operating:
-            self._levels = 0
-        if request.jog_1 or request.jog_2:
-            allowed = request.operating and request.do_not_reject and not (request.jog_1 and request.jog_2)
-            first, second = self._armed
-            self._armed = (not request.jog_1 or (first and allowed), not request.jog_2 or (second and allowed))
-        else:
-            self._armed = _BOTH
-        if not request.do_not_reject:
+            self._commands &= ~RISING
+        commands, accepts = request.commands, request.commands & _DO_NOT_REJECT
+        jogs = commands & _JOGS
+        allowed = request.operating and accepts and jogs != _JOGS
+        self._armed = _JOGS & ~jogs | (self._armed if allowed else 0)
+        if not accepts:
             self._pending = None
-        if not (request.do_not_reject and request.homing):
+        if not (accepts and commands & HOME):
             self._homing_waits = False
         if self._state is _OFF:
             return
         if self._edges & ACTIVATE:
-            if not request.do_not_reject:
+            if not accepts:
                 self._warn(Reason.LOST_EDGE)
             elif self._state not in TASK_STATES:
                 self._warn(Reason.FUNCTION_RUNS)
-            elif request.no_intermediate_stop or self._state in _KEPT:
+            elif commands & Command.NO_INTERMEDIATE_STOP or self._state in _KEPT:
                 self._pending = self._captured()
             else:
                 self._warn(Reason.LOST_EDGE)
-        if self._edges & HOME and not request.passive_homing:
-            if not request.do_not_reject:
+        if self._edges & HOME and not commands & _PASSIVE_HOMING:
+            if not accepts:
                 self._warn(Reason.LOST_HOMING)
             elif self._state is _IDLE or self._state is State.BRAKING:
                 self._homing_waits = True
             else:
                 self._warn(Reason.FUNCTION_RUNS)
-        if self._edges & EXTERNAL:
+        if self._edges & Command.EXTERNAL_BLOCK_CHANGE:
             self._chain.external = True
-        if self._edges & REFERENCE:
+        if self._edges & Command.SET_REFERENCE_POINT:
             self._set_reference_point()
 
     def _find_edges(self) -> None:
         """Rising edges of this step; bits that were 1 before operation are not edges."""
-        request = self.request
-        levels = ACTIVATE * request.activate | EXTERNAL * request.external_block_change
-        levels |= REFERENCE * request.set_reference_point | HOME * request.homing
-        self._edges = levels & ~self._levels
-        self._levels = levels
-        warning = self.result.warning
-        if warning in HELD and warning is not Reason.LOST_EDGE and not levels & HELD[warning]:
+        commands, warning = self.request.commands, self.result.warning
+        self._edges = commands & ~self._commands
+        self._commands = commands
+        if warning in HELD and warning is not Reason.LOST_EDGE and not commands & HELD[warning]:
             self._warn(None)
 
     def _captured(self) -> _Task:
         """The present request, and why it is impossible."""
-        request = self.request
-        target, absolute, velocity = request.target, request.absolute, request.velocity
-        positive, negative = request.positive, request.negative
-        direction = _SHORTEST if positive is negative else _POSITIVE if positive else _NEGATIVE
+        request, commands = self.request, self.request.commands
+        target, velocity, absolute = request.target, request.velocity, commands & _ABSOLUTE != 0
+        direction = request.direction
         refusal: Reason | None = None
-        if not request.mdi:
+        if not commands & _MDI_SELECTED:
             event = _BLOCK_TASK
             refusal = self._chain.refusal(request.block)
         else:
-            event = _SETTING_UP_TASK if request.setting_up else _MDI_TASK
+            event = _SETTING_UP_TASK if commands & Command.SETTING_UP else _MDI_TASK
             if not velocity:
                 refusal = Reason.TASK_SPEED_ZERO
             elif request.acceleration <= 0 or request.deceleration <= 0:
                 refusal = Reason.TASK_RAMP_ZERO
-            elif request.setting_up:
-                refusal = Reason.TASK_DIRECTION if positive is negative else None
-            elif positive and negative and self.settings.modulo and absolute:
+            elif event is _SETTING_UP_TASK:
+                refusal = Reason.TASK_DIRECTION if direction is _SHORTEST else None
+            elif commands & DIRECTIONS == DIRECTIONS and self.settings.modulo and absolute:
                 refusal = Reason.TASK_DIRECTION
             elif not self._course.in_range(target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
-        acceleration, deceleration = request.acceleration, request.deceleration
-        block = request.block
-        return _Task(
-            event, refusal, block, absolute, target, velocity, acceleration, deceleration, positive, negative, direction
-        )
+        ramps = request.acceleration, request.deceleration
+        return _Task(event, refusal, request.block, commands, target, velocity, *ramps, direction)
 
     def _changed(self) -> bool:
         """Continuous update: values other than those in force, while STW1.6 = 1."""
-        request, task = self.request, self._task
-        if not (request.continuous_update and request.activate and request.mdi and task is not None):
+        request, task, commands = self.request, self._task, self.request.commands
+        if commands & _UPDATES != _UPDATES or not commands & _MDI_SELECTED or task is None:
             return False
-        if task.is_of(request) or request.setting_up is not (self._state is _SETTING_UP):
+        if task.is_of(request) or (commands & Command.SETTING_UP != 0) is not (self._state is _SETTING_UP):
             return False
-        if not (request.absolute and task.absolute) and self._state is _MDI:
+        if self._state is _MDI and not commands & task.commands & _ABSOLUTE:
             self._warn(Reason.UPDATE_RELATIVE)
             return False
         return True
 
     def _jog_bit(self) -> int:
-        """1 or 2 if only this jog bit is 1, 0 for none or both."""
-        request = self.request
-        return 0 if request.jog_1 is request.jog_2 else 1 if request.jog_1 else 2
+        """The bit of a jog if it is the only one, 0 for none or both."""
+        jogs = self.request.commands & _JOGS
+        return 0 if jogs == _JOGS else jogs
 
     def _jog_asked(self) -> bool:
-        bit = self._jog_bit()
-        return bit > 0 and self._armed[bit - 1]
+        return self._jog_bit() & self._armed != 0
 
     def _homing_is(self, result: HomingResult) -> bool:
         return self.seen.taken >= self.result.motion.serial and self.seen.homing is result
 
     def _finished(self) -> bool:
-        if self._state is _MDI and self.request.continuous_update and self.request.activate:
+        if self._state is _MDI and self.request.commands & _UPDATES == _UPDATES:
             return False
         return self._course.arrived() or (self._course.goal is None and self.seen.standstill)
 
@@ -383,7 +374,7 @@ class Positioner:
 
     def _brake(self) -> None:
         self._forget()
-        if not self.request.do_not_reject:
+        if not self.request.commands & _DO_NOT_REJECT:
             self._warn(None)
         self.result.shown = _IDLE
 
@@ -421,18 +412,19 @@ class Positioner:
     def _pursue(self, task: _Task) -> None:
         velocity, acceleration, deceleration = task.velocity, task.acceleration, task.deceleration
         if task.event is _SETTING_UP_TASK:
-            self._course.go(velocity if task.positive else -velocity, acceleration, deceleration)
+            self._course.go(velocity if task.direction is _POSITIVE else -velocity, acceleration, deceleration)
         else:
             torque = self.settings.clamping_torque if self.request.to_fixed_stop else None
-            self._course.go_to(task.target, task.absolute, velocity, acceleration, deceleration, torque, task.direction)
+            absolute = task.commands & _ABSOLUTE != 0
+            self._course.go_to(task.target, absolute, velocity, acceleration, deceleration, torque, task.direction)
 
     def _start_jog(self) -> None:
         self._begin()
         self._jog = self._jog_bit()
-        place = self._jog - 1
+        place = self._jog == Command.JOG_2_ON
         velocity = self.settings.jog_velocities[place]
-        if self.request.jog_incremental:
-            self._armed = (self._armed[0] and place != 0, self._armed[1] and place != 1)
+        if self.request.commands & Command.JOG_INCREMENTAL:
+            self._armed &= ~self._jog
             distance = self.settings.jog_distances[place]
             self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
         else:
@@ -473,8 +465,8 @@ class Positioner:
 
     def _home_on_the_fly(self) -> None:
         """STW1.11 with POS_STW2.8: the probe gives the offset while anything runs; a task keeps its target in the drive."""
-        request, seen, result = self.request, self.seen, self.result
-        wanted = request.homing and request.passive_homing
+        seen, result = self.seen, self.result
+        wanted = self.request.commands & _ON_THE_FLY == _ON_THE_FLY
         before, self._probe_requested = self._probe_requested, wanted
         if not wanted:
             result.probe = False
@@ -492,7 +484,8 @@ class Positioner:
     # -- outputs --------------------------------------------------------------------------------------------------------
 
     def _show(self) -> None:
-        result, request, seen, course, state = self.result, self.request, self.seen, self._course, self._state
+        result, commands, seen, course = self.result, self.request.commands, self.seen, self._course
+        state = self._state
         position = seen.position + course.offset
         modulo = self.settings.modulo
         result.position = position % modulo if modulo else position
@@ -500,7 +493,7 @@ class Positioner:
         if state is _MDI:
             result.reached = course.arrived()
         elif state is _IDLE or state is _TRACKING:
-            if not request.activate or result.shown is _OFF:
+            if not commands & ACTIVATE or result.shown is _OFF:
                 result.shown = _IDLE
             result.reached = standing and self._pending is None and not self._homing_waits
         else:
@@ -510,7 +503,7 @@ class Positioner:
         if self._now >= self._homing_until:
             self._homing_until = 0
         result.homing = state is _HOMING or self._homing_until > 0
-        if request.hardware_limits:
+        if commands & Command.HARDWARE_LIMITS:
             result.negative_limit, result.positive_limit = seen.negative_limit, seen.positive_limit
         else:
             result.negative_limit = result.positive_limit = False
@@ -520,15 +513,15 @@ class Positioner:
             result.at_plus = position >= limits[1] - self.settings.position_window
         else:
             result.at_minus = result.at_plus = False
-        result.reason = course.held or (None if request.do_not_reject else _REJECTED) or result.warning
-        jog = (request.jog_1 or request.jog_2) and not request.jog_incremental
+        result.reason = course.held or (None if commands & _DO_NOT_REJECT else _REJECTED) or result.warning
+        jog = commands & _JOGS and not commands & Command.JOG_INCREMENTAL
         if jog and state is _IDLE and result.reason is None and not self._jog_asked():
             result.reason = Reason.LOST_JOG
 
     def _show_acknowledge(self) -> None:
         """Show the acknowledgement of a task. The drive acknowledges position tasks, the gateway all others."""
         result, task = self.result, self._task
-        if not self.request.activate:
+        if not self.request.commands & ACTIVATE:
             result.acknowledged = self._owed = False
         elif task is not None and not result.acknowledged:
             block = self._chain.block

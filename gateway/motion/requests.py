@@ -8,6 +8,7 @@ from typing import Final
 
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.states import State
+from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
 from pdgw.profidrive.signals import signal
@@ -138,36 +139,50 @@ FULL = N2_100_PERCENT
 """100 % of an N2 fraction."""
 
 
+class Command(enum.IntEnum):
+    """Commands of the PLC to a positioner, one bit each. They have the names of the bits in the control words."""
+
+    DO_NOT_REJECT = 1 << 0
+    NO_INTERMEDIATE_STOP = 1 << 1
+    ACTIVATE_TASK = 1 << 2
+    JOG_1_ON = 1 << 3
+    JOG_2_ON = 1 << 4
+    START_HOMING = 1 << 5
+    EXTERNAL_BLOCK_CHANGE = 1 << 6
+    TRACKING = 1 << 7
+    SET_REFERENCE_POINT = 1 << 8
+    JOG_INCREMENTAL = 1 << 9
+    PASSIVE_HOMING = 1 << 10
+    PROBE_2 = 1 << 11
+    """Passive homing at probe 2 instead of 1,"""
+    PROBE_FALLING_EDGE = 1 << 12
+    """and at its falling edge."""
+    SOFTWARE_LIMITS = 1 << 13
+    HARDWARE_LIMITS = 1 << 14
+    ABSOLUTE = 1 << 15
+    POSITIVE_DIRECTION = 1 << 16
+    NEGATIVE_DIRECTION = 1 << 17
+    CONTINUOUS_UPDATE = 1 << 18
+    SETTING_UP = 1 << 19
+    MDI = 1 << 20
+
+
+DIRECTIONS: Final = Command.POSITIVE_DIRECTION | Command.NEGATIVE_DIRECTION
+_DIRECTION: Final[dict[int, Direction]] = {
+    Command.POSITIVE_DIRECTION: Direction.POSITIVE,
+    Command.NEGATIVE_DIRECTION: Direction.NEGATIVE,
+}
+
+
 @dataclass(slots=True, eq=False)
 class PositionerRequest:
-    """The commands of the PLC by their meaning."""
+    """What the PLC requests."""
 
     operating: bool = False
     """Operation is enabled, and a PLC in control requests it."""
-    do_not_reject: bool = False
-    no_intermediate_stop: bool = False
-    activate: bool = False
-    jog_1: bool = False
-    jog_2: bool = False
-    jog_incremental: bool = False
-    homing: bool = False
-    passive_homing: bool = False
-    probe_2: bool = False
-    """Passive homing at probe 2 instead of 1,"""
-    probe_falling: bool = False
-    """and at its falling edge."""
-    set_reference_point: bool = False
-    tracking: bool = False
-    external_block_change: bool = False
+    commands: int = 0
+    """Bits of ``Command``."""
     to_fixed_stop: bool = False
-    software_limits: bool = False
-    hardware_limits: bool = False
-    mdi: bool = False
-    setting_up: bool = False
-    absolute: bool = False
-    positive: bool = False
-    negative: bool = False
-    continuous_update: bool = False
     block: int = 0
     homing_method: int = 0
     """Homing method of telegram 9, whose positions, speeds and ramps are fractions of references (4000 0000h = 100 %)."""
@@ -179,8 +194,11 @@ class PositionerRequest:
     deceleration: int = FULL
     reference_coordinate: int | None = None
     """Position of the reference point; None: the configured one."""
-    controls: tuple[int, ...] = ()
-    """The control words that all bits but ``operating`` and ``to_fixed_stop`` are from: while they are the same, the bits are."""
+
+    @property
+    def direction(self) -> Direction:
+        """The requested direction; SHORTEST with none of its bits, and with both."""
+        return _DIRECTION.get(self.commands & DIRECTIONS, Direction.SHORTEST)
 
     def forget(self) -> None:
         """Clear all commands."""

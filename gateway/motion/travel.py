@@ -13,6 +13,7 @@ from typing import Final
 from pdgw.durations import MS
 from pdgw.gateway.motion.requests import (
     FULL,
+    Command,
     Motion,
     MotionKind,
     PositionerFeedback,
@@ -290,7 +291,7 @@ class Course:
     def _hold(self, goal: Goal, request: PositionerRequest, now: int) -> Reason | None:
         """Why a task is kept but not executed."""
         seen = self.seen
-        if not request.no_intermediate_stop:
+        if not request.commands & Command.NO_INTERMEDIATE_STOP:
             self._at_limit = False
             self._limit_since = -1
             return Reason.INTERMEDIATE_STOP

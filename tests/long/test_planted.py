@@ -71,7 +71,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: MdiPositioner) -> None:
         find(self)
-        self._edges |= ACTIVATE * self.request.activate
+        self._edges |= ACTIVATE & self.request.commands
 
     patch.setattr(MdiPositioner, "_find_edges", wrong)
 
@@ -91,7 +91,7 @@ def standing_homing_bit_starts(patch: Patch) -> None:
     request = MdiPositioner._take_homing
 
     def wrong(self: MdiPositioner) -> bool:
-        self._edges |= HOME * self.request.homing
+        self._edges |= HOME & self.request.commands
         return request(self)
 
     patch.setattr(MdiPositioner, "_take_homing", wrong)
@@ -99,7 +99,9 @@ def standing_homing_bit_starts(patch: Patch) -> None:
 
 def standing_homing_bit_of_a_positioner_starts(patch: Patch) -> None:
     events = Positioner._events
-    patch.setattr(Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: self.request.homing})
+    patch.setattr(
+        Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: HOME & self.request.commands}
+    )
 
 
 def homing_goes_on_without_its_bit(patch: Patch) -> None:

@@ -53,7 +53,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: Positioner) -> None:
         find(self)
-        self._edges |= ACTIVATE * self.request.activate
+        self._edges |= ACTIVATE & self.request.commands
 
     patch.setattr(Positioner, "_find_edges", wrong)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from operator import itemgetter
 from typing import ClassVar
@@ -11,7 +11,7 @@ from pdgw.gateway.axis.adapters.adapter import Adapter, ControlWordAdapter
 from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.requests import MotionKind, PositionerChoices, PositionerRequest, PositionerResult
+from pdgw.gateway.motion.requests import Command, MotionKind, PositionerChoices, PositionerRequest, PositionerResult
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType
@@ -25,14 +25,6 @@ from pdgw.profidrive.telegrams import Telegram
 # decelerates): 0.
 
 
-_STW1 = signal("STW1")
-_DO_NOT_REJECT = _STW1.bit("DO_NOT_REJECT", positioning=True).mask
-_NO_INTERMEDIATE_STOP = _STW1.bit("NO_INTERMEDIATE_STOP", positioning=True).mask
-_ACTIVATE_TASK = _STW1.bit("ACTIVATE_TASK", positioning=True).mask
-_JOG_1 = _STW1.bit("JOG_1_ON").mask
-_JOG_2 = _STW1.bit("JOG_2_ON").mask
-_START_HOMING = _STW1.bit("START_HOMING", positioning=True).mask
-_EXTERNAL = _STW1.bit("EXTERNAL_BLOCK_CHANGE", positioning=True).mask
 _ZSW1 = signal("ZSW1")
 _OWN = ~(_ZSW1.bit("DEVICE_14").mask | _ZSW1.bit("DEVICE_15").mask)
 """Bits of the Statusword that are neither acceleration nor deceleration."""
@@ -40,32 +32,11 @@ _OWN = ~(_ZSW1.bit("DEVICE_14").mask | _ZSW1.bit("DEVICE_15").mask)
 _TO_FIXED_STOP = signal("STW2").bit("TO_FIXED_STOP").mask
 _SHOWN_FIXED_STOP = signal("ZSW2").bit("TO_FIXED_STOP").mask
 
-_SELECTION = POSITIONER_FORMS["SATZANW"]
-_BLOCK, _BLOCK_MDI = _SELECTION.bit("BLOCK"), _SELECTION.bit("MDI").mask
 _ACTIVE = POSITIONER_FORMS["AKTSATZ"]
 _ACTIVE_BLOCK, _ACTIVE_MDI = _ACTIVE.bit("BLOCK").mask, _ACTIVE.bit("MDI_ACTIVE").mask
-_MOD_ABSOLUTE = signal("MDI_MOD").bit("ABSOLUTE").mask
-_MOD_POSITIVE = signal("MDI_MOD").bit("POSITIVE_DIRECTION").mask
-_MOD_NEGATIVE = signal("MDI_MOD").bit("NEGATIVE_DIRECTION").mask
-
-_POS_STW1 = signal("POS_STW1")
-_1_BLOCK = _POS_STW1.bit("BLOCK")
-_1_ABSOLUTE = _POS_STW1.bit("ABSOLUTE").mask
-_1_POSITIVE = _POS_STW1.bit("POSITIVE_DIRECTION").mask
-_1_NEGATIVE = _POS_STW1.bit("NEGATIVE_DIRECTION").mask
-_1_UPDATE = _POS_STW1.bit("CONTINUOUS_UPDATE").mask
-_1_SETTING_UP = _POS_STW1.bit("SETTING_UP").mask
-_1_MDI = _POS_STW1.bit("MDI").mask
-
-_POS_STW2 = signal("POS_STW2")
-_2_TRACKING = _POS_STW2.bit("TRACKING").mask
-_2_SET_REFERENCE = _POS_STW2.bit("SET_REFERENCE_POINT").mask
-_2_INCREMENTAL = _POS_STW2.bit("JOG_INCREMENTAL").mask
-_2_PASSIVE = _POS_STW2.bit("PASSIVE_HOMING").mask
-_2_PROBE_2 = _POS_STW2.bit("PROBE_2").mask
-_2_FALLING = _POS_STW2.bit("PROBE_FALLING_EDGE").mask
-_2_SOFTWARE = _POS_STW2.bit("SOFTWARE_LIMITS").mask
-_2_HARDWARE = _POS_STW2.bit("HARDWARE_LIMITS").mask
+_CONTROL_WORDS = ("STW1", "SATZANW", "POS_STW", "POS_STW1", "POS_STW2", "MDI_MOD")
+_COMMANDS = Command.__members__
+_LIMITS = Command.SOFTWARE_LIMITS | Command.HARDWARE_LIMITS
 
 _POS_ZSW1 = signal("POS_ZSW1")
 _NEGATIVE_LIMIT = _POS_ZSW1.bit("NEGATIVE_HARDWARE_LIMIT").mask
@@ -106,20 +77,30 @@ _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 
 
 class PositionerAdapter(ControlWordAdapter):
-    """Common part of telegrams 7, 110 and 111: STW1 and ZSW1. Control words are evaluated only when they change.
+    """Common part of all: the commands in the control words, by the names of their bits. They are read when they change.
 
-    The adapter of each telegram names its control words and evaluates them. Without control by a PLC, no motion is requested.
+    Without control by a PLC, no motion is requested.
     """
 
-    IGNORED: ClassVar[int] = _STW1.word("OPEN_BRAKE", "DEVICE_14", "DEVICE_15", positioning=True)
+    IGNORED: ClassVar[int] = signal("STW1").word("OPEN_BRAKE", "DEVICE_14", "DEVICE_15", positioning=True)
+    KEPT: ClassVar[int] = 0
+    """Commands that stay without control."""
 
-    def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
         self.request = PositionerRequest()
         self._last: Sequence[int] | None = None
-        self._controls: Callable[[Sequence[int]], tuple[int, ...]] = itemgetter(
-            *(self.setpoint(name) for name in ("STW1", *controls))
-        )
+        self._controls: tuple[int, ...] = ()
+        """The control words whose bits are in the request."""
+        words = [item for item in telegram.setpoints.signals if item.name in _CONTROL_WORDS]
+        self._words = itemgetter(*(self.setpoint(item.name) for item in words))
+        fields = [(place, bit) for place, item in enumerate(words) for bit in item.fields(positioning=True)]
+        self._commands = [(place, bit.mask, _COMMANDS[bit.name]) for place, bit in fields if bit.name in _COMMANDS]
+        self._block = next((field for field in fields if field[1].name == "BLOCK"), None)
+        self._method = next((field for field in fields if field[1].name == "HOMING_METHOD"), None)
+        watched = any(bit.name == "SOFTWARE_LIMITS" for _, bit in fields)
+        self._always = 0 if watched else _LIMITS
+        """Limits have no bit in telegrams 7, 9 and 110: they are watched as soon as they are known."""
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         word = None if setpoints is None else setpoints[self.stw1]
@@ -129,55 +110,44 @@ class PositionerAdapter(ControlWordAdapter):
         if setpoints is None or not demand.in_control:
             if self._last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
                 self._last = None
-                self.forget()
+                self._controls = ()
+                kept = self.request.commands & self.KEPT
+                self.request.forget()
+                self.request.commands = kept
             return
         if setpoints == self._last:
             return
         self._last = setpoints
-        controls = self._controls(setpoints)
-        if controls != self.request.controls:
-            self.request.controls = controls
-            self._read_stw1(controls[0])
-            self.read_controls(controls)
+        controls = self._words(setpoints)
+        if controls != self._controls:
+            self._controls = controls
+            self._read_controls(controls)
         self.read_values(setpoints)
 
-    def forget(self) -> None:
-        """Clear all commands."""
-        self.request.forget()
-
-    def read_controls(self, controls: Sequence[int]) -> None:
-        """Other control words: STW1 and those that were named."""
-        raise NotImplementedError
+    def _read_controls(self, controls: Sequence[int]) -> None:
+        request, commands = self.request, self._always
+        for place, mask, command in self._commands:
+            if controls[place] & mask:
+                commands |= command
+        request.commands = commands
+        if self._block is not None:
+            place, block = self._block
+            request.block = block.of(controls[place])
+        if self._method is not None:
+            place, method = self._method
+            request.homing_method = method.of(controls[place])
 
     def read_values(self, setpoints: Sequence[int]) -> None:
         """Values that are not bits of a control word."""
 
-    def _read_stw1(self, word: int) -> None:
-        request = self.request
-        request.do_not_reject = word & _DO_NOT_REJECT != 0
-        request.no_intermediate_stop = word & _NO_INTERMEDIATE_STOP != 0
-        request.activate = word & _ACTIVATE_TASK != 0
-        request.jog_1 = word & _JOG_1 != 0
-        request.jog_2 = word & _JOG_2 != 0
-        request.homing = word & _START_HOMING != 0
-        request.external_block_change = word & _EXTERNAL != 0
-
 
 class BlockAdapter(PositionerAdapter):
-    """Telegram 7: traversing blocks alone."""
+    """Telegram 7: traversing blocks alone. It has no MDI: this bit selects a task that cannot be executed (speed 0)."""
 
-    def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
-        super().__init__(telegram, settings, "SATZANW", *controls)
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
         self._aktsatz = self.actual("AKTSATZ")
         self._has_mdi = "MDI_TARPOS" in telegram.setpoints.names
-
-    def read_controls(self, controls: Sequence[int]) -> None:
-        request, selection = self.request, controls[1]
-        request.block = _BLOCK.of(selection)
-        # Telegram 7 has no MDI: its bit selects a task that cannot be executed (speed 0).
-        request.mdi = selection & _BLOCK_MDI != 0
-        # Limits have no bit in telegrams 7 and 110: they are supervised as soon as they are known.
-        request.software_limits = request.hardware_limits = True
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags) & _OWN
@@ -266,29 +236,13 @@ class _ValuesOfMdi:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
 
 
-def _read_alike(request: PositionerRequest, second: int, how: int, absolute: int, positive: int, negative: int) -> None:
-    """POS_STW or POS_STW2, and how a position is meant, in a word with these masks."""
-    request.tracking = second & _2_TRACKING != 0
-    request.set_reference_point = second & _2_SET_REFERENCE != 0
-    request.jog_incremental = second & _2_INCREMENTAL != 0
-    request.absolute = how & absolute != 0
-    request.positive = how & positive != 0
-    request.negative = how & negative != 0
-
-
 class SelectionAdapter(BlockAdapter):
     """Telegram 110: SATZANW, POS_STW and MDI_MOD."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings, "POS_STW", "MDI_MOD")
+        super().__init__(telegram, settings)
         self._mdi = _ValuesOfMdi(self)
         self._pos_zsw = self.actual("POS_ZSW")
-
-    def read_controls(self, controls: Sequence[int]) -> None:
-        super().read_controls(controls)
-        request = self.request
-        word, mode = controls[2], controls[3]
-        _read_alike(request, word, mode, _MOD_ABSOLUTE, _MOD_POSITIVE, _MOD_NEGATIVE)
 
     def read_values(self, setpoints: Sequence[int]) -> None:
         self._mdi.read(setpoints, self.request)
@@ -305,7 +259,7 @@ class WideAdapter(PositionerAdapter):
     """Telegram 111: POS_STW1 and POS_STW2, speed and numbers of faults and warnings."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings, "POS_STW1", "POS_STW2")
+        super().__init__(telegram, settings)
         self._mdi = self._values(settings)
         self._pos_zsw1 = self.actual("POS_ZSW1", "POS_ZSW2")
         self._speed = self.actual("NIST_B")
@@ -313,20 +267,6 @@ class WideAdapter(PositionerAdapter):
 
     def _values(self, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
         return _ValuesOfMdi(self)
-
-    def read_controls(self, controls: Sequence[int]) -> None:
-        request = self.request
-        word, second = controls[1], controls[2]
-        request.block = _1_BLOCK.of(word)
-        _read_alike(request, second, word, _1_ABSOLUTE, _1_POSITIVE, _1_NEGATIVE)
-        request.continuous_update = word & _1_UPDATE != 0
-        request.setting_up = word & _1_SETTING_UP != 0
-        request.mdi = word & _1_MDI != 0
-        request.passive_homing = second & _2_PASSIVE != 0
-        request.probe_2 = second & _2_PROBE_2 != 0
-        request.probe_falling = second & _2_FALLING != 0
-        request.software_limits = second & _2_SOFTWARE != 0
-        request.hardware_limits = second & _2_HARDWARE != 0
 
     def read_values(self, setpoints: Sequence[int]) -> None:
         self._mdi.read(setpoints, self.request)
@@ -361,7 +301,9 @@ def _mode(result: PositionerResult, request: PositionerRequest) -> State:
     """The active or last function; else the one that an edge of STW1.6 would start."""
     if result.shown is not State.IDLE or result.state not in _SELECTABLE:
         return result.shown
-    return State.BLOCK if not request.mdi else State.SETTING_UP if request.setting_up else State.MDI
+    if not request.commands & Command.MDI:
+        return State.BLOCK
+    return State.SETTING_UP if request.commands & Command.SETTING_UP else State.MDI
 
 
 def _first(result: PositionerResult, request: PositionerRequest) -> int:
@@ -406,42 +348,23 @@ def _second(result: PositionerResult, speed: int) -> int:
 # jogging, which the drives do not have; STW2 is not evaluated.
 
 
-_MDI = signal("SATZANW").bit("MDI").mask
-_METHOD = signal("SATZANW").bit("HOMING_METHOD")
 _ACTUAL_METHOD = signal("AKTSATZ").bit("HOMING_METHOD").mask
 _MDI_ACTIVE = signal("AKTSATZ").bit("MDI_ACTIVE").mask
-_ABSOLUTE = signal("MDI_MOD").bit("ABSOLUTE").mask
-_POSITIVE = signal("MDI_MOD").bit("POSITIVE_DIRECTION").mask
-_NEGATIVE = signal("MDI_MOD").bit("NEGATIVE_DIRECTION").mask
 
 
 class PositioningAdapter(PositionerAdapter):
-    """Positions, speeds and ramps are fractions of the references."""
+    """Positions, speeds and ramps are fractions of the references. AKTSATZ shows MDI without control, too."""
 
+    KEPT: ClassVar[int] = Command.MDI
     IGNORED: ClassVar[int] = PositionerAdapter.IGNORED | signal("STW1").word(
         "JOG_1_ON", "JOG_2_ON", "EXTERNAL_BLOCK_CHANGE", positioning=True
     )
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings, "SATZANW", "MDI_MOD")
+        super().__init__(telegram, settings)
         self._first = self.setpoint("MDI_TARPOS", "MDI_VELOCITY", "MDI_ACC", "MDI_DEC")
         self._aktsatz = self.actual("AKTSATZ")
         self._position = self.actual("XIST_A")
-
-    def forget(self) -> None:
-        request = self.request
-        mdi = request.mdi
-        request.forget()
-        request.mdi = mdi  # AKTSATZ shows it without control, too
-
-    def read_controls(self, controls: Sequence[int]) -> None:
-        request = self.request
-        selection, mode = controls[1], controls[2]
-        request.mdi = selection & _MDI != 0
-        request.homing_method = _METHOD.of(selection)
-        request.absolute = mode & _ABSOLUTE != 0
-        request.positive = mode & _POSITIVE != 0
-        request.negative = mode & _NEGATIVE != 0
 
     def read_values(self, setpoints: Sequence[int]) -> None:
         request, first = self.request, self._first

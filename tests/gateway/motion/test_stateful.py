@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
-from pdgw.gateway.motion.requests import FULL, MotionKind
+from pdgw.gateway.motion.requests import FULL, Command, MotionKind
 from pdgw.gateway.motion.states import State
-from tests.support.axis.positioner import RAMP, SETTINGS, PositionerRig
+from tests.support.axis.positioner import RAMP, SETTINGS, PositionerRig, changed, command
 
 LIMIT = 20_000
 FASTEST = 400
@@ -33,6 +33,7 @@ FLAGS = st.sampled_from(
         *("software_limits", "operating"),
     )
 )
+JOGS = Command.JOG_1_ON | Command.JOG_2_ON
 
 
 class Life(RuleBasedStateMachine):
@@ -50,21 +51,19 @@ class Life(RuleBasedStateMachine):
             before, request = self.rig.speed, self.rig.request
             self.rig.step()
             faster = abs(self.rig.speed) > abs(before)
-            if (
-                request.jog_1
-                and request.jog_2
-                and self.rig.result.state in {State.JOG, State.JOG_INCREMENTAL, State.BRAKING}
-            ):
+            both = request.commands & JOGS == JOGS
+            if both and self.rig.result.state in {State.JOG, State.JOG_INCREMENTAL, State.BRAKING}:
                 assert not faster, "jog moves with both bits"
-            if not request.do_not_reject or not request.operating:
+            if not request.commands & Command.DO_NOT_REJECT or not request.operating:
                 assert not faster, "moves in spite of a reject or without operation"
             if not self.permitted:
                 assert not faster, "something survived what ends it all"
 
     @rule(name=FLAGS, count=st.integers(0, 20))
     def toggle(self, name: str, count: int) -> None:
-        value = not getattr(self.rig.request, name)
-        self.rig.request = replace(self.rig.request, **{name: value})
+        request = self.rig.request
+        value = not (getattr(request, name) if hasattr(request, name) else request.commands & command(name))
+        self.rig.request = changed(request, **{name: value})
         if name == "operating":
             self.permitted = False
         elif value and self.rig.request.operating:

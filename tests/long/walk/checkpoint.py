@@ -96,6 +96,7 @@ class _Part:
         "_counters",
         "_kind",
         "_looked_through",
+        "_masks",
         "_pick",
         "_put",
         "get",
@@ -138,10 +139,12 @@ class _Part:
         self._counters = [i for i, name in enumerate(names) if name in counters]
         apart = aside | serials | counters | set(ages)
         self._compared = [] if "*" in aside else [i for i, name in enumerate(names) if name not in apart]
+        bits = {name: mask for base in kind.__mro__ for name, mask in OF.get(base, {}).get("BITS", {}).items()}
+        self._masks = {i: bits[name] for i, name in enumerate(names) if name in bits}
         self._make_pick()
 
     def _make_pick(self) -> None:
-        terms = [f"values[{i}]" for i in self._compared]
+        terms = [f"values[{i}]" + (f" & {self._masks[i]}" if i in self._masks else "") for i in self._compared]
         for place, i in enumerate(self._compared):
             if i in self._containers:
                 items = ".items()" if isinstance(getattr(self.item, self.names[i]), dict) else ""

@@ -6,6 +6,7 @@
 | ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
 | ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
 | ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
+| ``BITS`` | words of which only these bits are compared |
 | ``SUPERVISION`` | compared only with ``stops``: only the brakes beside the Controlword depend on them; ``*``: all |
 | ``DATA`` | compared only with ``data``: they are sent, and nothing else depends on them |
 | ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
@@ -39,7 +40,7 @@ from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED
 from pdgw.gateway.axis.values import Answer, Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.positioner import RISING, Positioner
 from pdgw.gateway.motion.requests import Motion, PositionerFeedback, PositionerRequest, PositionerResult
 from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course
 from pdgw.profidrive.frame import SignOfLife
@@ -50,7 +51,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "DATA": frozenset({"profile_acceleration", "profile_deceleration", "profile_velocity", "target_position"}),
     },
     ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"word", "_visible"})},
-    PositionerAdapter: {"ASIDE": frozenset({"_last"})},
+    PositionerAdapter: {"ASIDE": frozenset({"_last", "_controls"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},
     Report: {
@@ -161,7 +162,8 @@ OF: Final[dict[type, dict[str, Any]]] = {
     Positioner: {
         "INSTANTS": {"_homing_until": 0},
         "PASSING": frozenset({"request", "_now", "seen"}),
-        "ASIDE": frozenset({"_controls", "_edges"}),
+        "ASIDE": frozenset({"_edges"}),
+        "BITS": {"_commands": RISING},
     },
     PositionerRequest: {"ASIDE": frozenset({"*"})},
     PositionerFeedback: {
@@ -207,4 +209,4 @@ def kept(adapter: Adapter, demand: Demand) -> tuple[object, ...]:
         found = (demand,)
     if isinstance(adapter, PositionerAdapter) and demand in found:
         found = (*found, adapter.request)
-    return (*found, adapter.request.mdi) if isinstance(adapter, PositioningAdapter) else found
+    return (*found, adapter.request.commands & adapter.KEPT) if isinstance(adapter, PositioningAdapter) else found

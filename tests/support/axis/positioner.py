@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import (
     FULL,
+    Command,
     HomingResult,
     Motion,
     MotionKind,
@@ -63,14 +64,15 @@ class PositionerRig:
     settings: PositionerSettings = SETTINGS
     blocks: tuple[Block, ...] = ()
     delay: int = 1
-    request: PositionerRequest = field(default_factory=lambda: PositionerRequest(True, True, True))
+    request: PositionerRequest = field(
+        default_factory=lambda: PositionerRequest(True, Command.DO_NOT_REJECT | Command.NO_INTERMEDIATE_STOP)
+    )
     stop_at: int | None = None
     """A mechanical stop."""
 
     def __post_init__(self) -> None:
         self.positioner = Positioner(self.settings, BlockTable(self.blocks))
         self.now = 0
-        self._frames = 0
         self.speed = 0
         self.running = Motion()
         self.waiting: Motion | None = None
@@ -93,8 +95,7 @@ class PositionerRig:
 
     def step(self, cycles: int = 1, **changes: object) -> PositionerResult:
         """Change what is asked, then run cycles."""
-        self._frames += 1
-        self.request = replace(self.request, controls=(self._frames,), **changes)  # type: ignore[arg-type]
+        self.request = changed(self.request, **changes)
         for _ in range(cycles):
             self.now += CYCLE
             result = self.positioner.step(self.request, self.now)
@@ -195,6 +196,22 @@ class PositionerRig:
             speed += RAMP
         speed = min(speed, self._limit(), abs(distance)) or min(abs(distance), self._limit(), RAMP)
         return speed if distance > 0 else -speed
+
+
+def command(name: str) -> Command:
+    """The first command with this in its name."""
+    return next(item for item in Command if name.upper() in item.name)
+
+
+def changed(request: PositionerRequest, **values: object) -> PositionerRequest:
+    """The request with other values; a name that is no field of it is that of a command."""
+    commands = request.commands
+    names = {item.name for item in fields(request)}
+    for name in values.keys() - names:
+        bit = command(name)
+        commands = commands | bit if values[name] else commands & ~bit
+    found = {name: value for name, value in values.items() if name in names}
+    return replace(request, commands=commands, **found)  # type: ignore[arg-type]
 
 
 def move(rig: PositionerRig, **values: object) -> None:

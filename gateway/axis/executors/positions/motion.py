@@ -21,7 +21,7 @@ from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.requests import HomingResult, Motion, PositionerRequest, PositionerResult
+from pdgw.gateway.motion.requests import Command, HomingResult, Motion, PositionerRequest, PositionerResult
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
@@ -35,6 +35,7 @@ ACKNOWLEDGE_NS: Final = 2 * SECOND
 CiA 402 has no limit. A drive that is free for a setpoint acknowledges it within some milliseconds; before that, the data of the
 setpoint may have to be written by SDO. A drive whose buffer is full is given no setpoint.
 """
+_NO_STOP_OF_A_TASK: Final = Command.NO_INTERMEDIATE_STOP | Command.JOG_1_ON | Command.JOG_2_ON | Command.START_HOMING
 _RAMPS = (Action.RAMP, Action.RAMP_END)
 _STALLED: Final = warning_bits(FaultNumber.STALLED)
 _MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
@@ -124,7 +125,7 @@ class MotionExecutor(Executor):
 
     def _stop_reached(self, request: PositionerRequest) -> bool:
         """An intermediate stop of a traversing task has ended. With setting up, "target reached" may be that of its speed."""
-        if not request.operating or request.no_intermediate_stop or request.jog_1 or request.jog_2 or request.homing:
+        if not request.operating or request.commands & _NO_STOP_OF_A_TASK:
             return False
         return self.stopped and (self._mode.shows_base() or self.feedback.velocity_actual == 0)
 

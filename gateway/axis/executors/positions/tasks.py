@@ -27,6 +27,7 @@ from pdgw.gateway.motion.blocks import BlockTable, BlockTask
 from pdgw.gateway.motion.positioner import HELD, Positioner
 from pdgw.gateway.motion.requests import (
     NOTHING,
+    Command,
     HomingResult,
     MessageWord,
     Motion,
@@ -184,7 +185,8 @@ class PositionerExecutor(MotionExecutor):
         seen.probe = None
         seen.probe_refused = False
         armed = self.positioner.result.probe
-        outputs.probe = ProbeWish((2 * request.probe_2 + request.probe_falling,)) if armed else None
+        probe_2, falling = request.commands & Command.PROBE_2 != 0, request.commands & Command.PROBE_FALLING_EDGE != 0
+        outputs.probe = ProbeWish((2 * probe_2 + falling,)) if armed else None
 
     def step(self) -> Reason | None:
         units, speed, message, reason = self._units, self._speed, self._message, self.interlock.reason

@@ -16,7 +16,7 @@ from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
 from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.requests import NOTHING, HomingResult, Motion, MotionKind, PositionerRequest
+from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, MotionKind, PositionerRequest
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.travel import Goal
 from pdgw.gateway.motion.units import Direction
@@ -84,7 +84,8 @@ class PositioningExecutor(MotionExecutor):
             of_the_task = result.motion.first <= self._seen.given
             if self._acknowledges and of_the_task:
                 flags |= _TASK_ACKNOWLEDGED
-            report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and request.mdi
+            selected = request.commands & Command.MDI != 0
+            report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and selected
         report.flags = flags
         report.homing_method = self.homing.method
         report.position = scaling.position.to_wire(feedback.position_actual)
@@ -95,7 +96,7 @@ class PositioningExecutor(MotionExecutor):
     def require_homing(self, *, edge: bool) -> bool:
         """A method that the drive lacks starts nothing and sets the warning until homing is no longer requested."""
         request, outputs = self._mdi.request, self.outputs
-        if not request.homing:
+        if not request.commands & Command.START_HOMING:
             if self.positioner.result.state is _IDLE:
                 outputs.end_warnings(TASK_WARNINGS)
         elif edge:
@@ -108,23 +109,20 @@ class PositioningExecutor(MotionExecutor):
         """Convert a task to the drive's units."""
         scaling, limited = self._scaling, self.limited
         assert scaling is not None, "tasks start in operation, which needs the drive"
-        target = limited(scaling.position if request.absolute else scaling.relative, request.target)
+        absolute = request.commands & Command.ABSOLUTE != 0
+        target = limited(scaling.position if absolute else scaling.relative, request.target)
         velocity = limited(scaling.velocity, request.velocity)
         acceleration = limited(scaling.acceleration, request.acceleration)
         deceleration = limited(scaling.deceleration, request.deceleration)
         if scaling.one_ramp:
             acceleration = min(acceleration, deceleration)
-        direction = Direction.SHORTEST
-        if request.positive is not request.negative:
-            direction = Direction.POSITIVE if request.positive else Direction.NEGATIVE
-        distance = None if request.absolute else target
         return Goal(
             MotionKind.POSITION,
-            target if request.absolute else self.feedback.position_actual + target,
-            distance,
+            target if absolute else self.feedback.position_actual + target,
+            None if absolute else target,
             *(velocity, acceleration, deceleration),
-            direction=direction,
-            relative=self._turntable and not request.absolute,
+            direction=request.direction,
+            relative=self._turntable and not absolute,
         )
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
@@ -183,7 +181,9 @@ class PositioningExecutor(MotionExecutor):
     def _may_fall(self) -> bool:
         """CW.4 stays until the drive has taken the task and STW1.6 falls, or another task waits."""
         request = self._mdi.request
-        return self._seen.taken == self._seen.given and (not request.activate or self._mdi.waits)
+        return self._seen.taken == self._seen.given and (
+            not request.commands & Command.ACTIVATE_TASK or self._mdi.waits
+        )
 
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
         """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
