@@ -89,7 +89,7 @@ class Demand:
         """Fraction of the reference speed."""
         self.speed_wish: SpeedWish = SpeedWish.FOLLOW
         self.xerr = 0
-        """Position error of the PLC's controller, with the fine resolution of G1."""
+        """Position error of the PLC's controller, in increments of G1."""
         self.kpc = 0
         """Gain of XERR in 0.001/s; 0: no position control by the drive."""
         self.torque_reduction = 0

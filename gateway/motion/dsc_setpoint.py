@@ -99,14 +99,12 @@ class DscSettings:
 
     choices: DscChoices
     increments_per_revolution: int
-    """Increments of G1_XIST1 without its fine resolution; position units of the drive."""
+    """Increments of G1_XIST1, which has no fine resolution; position units of the drive."""
     reference_speed: Fraction
     """rpm of 100 % NSOLL_B."""
     velocities_per_rpm: Fraction
     """Units of 60FFh and 60B1h in one rpm."""
     sync_period_ns: int
-    fine_resolution: int = 0
-    """Bits XERR is shifted left by (P979)."""
     position_span: int = _TURN
     """Number of positions after which the drive's position starts again."""
     velocity_range: tuple[int, int] = (_LOWEST, _HIGHEST)
@@ -115,7 +113,6 @@ class DscSettings:
     def __post_init__(self) -> None:
         _check("increments per revolution", self.increments_per_revolution, 1, _HIGHEST)
         _check("SYNC period", self.sync_period_ns, 1, SECOND)
-        _check("fine resolution", self.fine_resolution, 0, 31)
         if self.reference_speed <= 0 or self.velocities_per_rpm <= 0:
             raise GatewayError("reference speed and velocity units: 0 is not allowed, expected values above 0")
 
@@ -161,8 +158,8 @@ class Dsc:
         """So old may XERR and KPC be; who steps this stops the axis then."""
         speed = settings.reference_speed * settings.velocities_per_rpm / N4_100_PERCENT
         self._speed = speed.as_integer_ratio()
-        turn = settings.increments_per_revolution << settings.fine_resolution
-        loop = Fraction(SECONDS_PER_MINUTE, KPC_PER_UNIT * turn) * settings.velocities_per_rpm
+        turn = KPC_PER_UNIT * settings.increments_per_revolution
+        loop = Fraction(SECONDS_PER_MINUTE, turn) * settings.velocities_per_rpm
         self._loop = loop.as_integer_ratio()
 
     def stop(self) -> None:
@@ -212,9 +209,8 @@ class Dsc:
         return True
 
     def _position(self, feed_forward: int, xerr: int, position: int) -> None:
-        result, settings = self.setpoint, self.settings
-        way = round_half_away(xerr, 1 << settings.fine_resolution)
-        target = wrapped(result.sent[0] + way)
+        result = self.setpoint
+        target = wrapped(result.sent[0] + xerr)
         if not self._starts_near(difference(target, position)):
             result.target = None
             return
@@ -223,10 +219,9 @@ class Dsc:
         result.velocity = feed_forward
 
     def _velocity(self, feed_forward: int, xerr: int, kpc: int, position: int) -> None:
-        result, settings = self.setpoint, self.settings
-        moved = difference(position, result.sent[0], settings.position_span) << settings.fine_resolution
-        error = xerr - moved
-        if not self._starts_near(error >> settings.fine_resolution):
+        result = self.setpoint
+        error = xerr - difference(position, result.sent[0], self.settings.position_span)
+        if not self._starts_near(error):
             return
         if kpc > self.gain_limit:
             kpc = self.gain_limit

@@ -39,11 +39,6 @@ def test_worked_example_105_speed() -> None:
     assert (result.velocity, result.position) == (3000, None)
 
 
-def test_worked_example_with_a_fine_resolution() -> None:
-    result = Dsc(replace(SPEED, fine_resolution=11)).step(0, 2048 << 11, 50_000, 0)
-    assert result.velocity == 3000
-
-
 def test_kpc_0_is_dsc_off_and_the_speed_is_nsoll_b() -> None:
     for settings in (SPEED, POSITION):
         result = Dsc(settings).step(1 << 28, 1 << 30, 0, 0)
