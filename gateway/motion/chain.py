@@ -141,7 +141,8 @@ class BlockChain:
         follower = self.blocks.get(block.number + 1)
         if follower is None or follower.mode.direction or follower.task is not BlockTask.POSITION:
             return
-        if not self._course.settings.waiting_setpoints:
+        # It starts later: the revolution of a modulo axis at that time is not known when it is sent.
+        if not self._course.choices.waiting_setpoints or self._course.choices.modulo:
             self._course.result.warning = Reason.FLYING_NOT_SUPPORTED
             return
         self._course.queue(

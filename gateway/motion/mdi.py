@@ -14,22 +14,23 @@ from pdgw.gateway.motion.requests import (
     Command,
     HomingResult,
     MotionKind,
+    PositionerChoices,
     PositionerRequest,
     PositionerResult,
-    PositionerSettings,
 )
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
 from pdgw.gateway.motion.travel import Goal
 from pdgw.gateway.reasons import Reason
 
 _UNLIMITED = 1 << 62
-_SETTINGS = PositionerSettings(
+_CHOICES = PositionerChoices(
+    lu_per_revolution=1,
     max_velocity=_UNLIMITED,
+    max_acceleration=_UNLIMITED,
+    max_deceleration=_UNLIMITED,
     position_window=0,
-    position_range=(-_UNLIMITED, _UNLIMITED),
-    jog_velocities=(0, 0),
-    jog_distances=(0, 0),
 )
+"""The executor limits."""
 _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOMING
 _SELECTED = Command.DO_NOT_REJECT | Command.MDI
 _HOMES = Command.DO_NOT_REJECT | HOME
@@ -57,7 +58,7 @@ class MdiPositioner(Positioner):
         self._waiting: Goal | None = None
         """The task of the newest edge, waiting to start."""
         self._braking_reason: Reason | None = None
-        super().__init__(_SETTINGS, transitions=MDI_TRANSITIONS)
+        super().__init__(_CHOICES, transitions=MDI_TRANSITIONS)
         self.set_window(None)
 
     def set_window(self, window: int | None) -> None:

@@ -8,7 +8,7 @@ handshakes and mode changes of the drive (executors).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from pdgw.durations import MS
@@ -21,10 +21,10 @@ from pdgw.gateway.motion.requests import (
     Command,
     HomingResult,
     MotionKind,
+    PositionerChoices,
     PositionerFeedback,
     PositionerRequest,
     PositionerResult,
-    PositionerSettings,
 )
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.travel import Course
@@ -92,17 +92,16 @@ class Positioner:
 
     def __init__(
         self,
-        settings: PositionerSettings,
-        blocks: BlockTable | None = None,
+        choices: PositionerChoices,
         transitions: Mapping[State, tuple[Transition, ...]] = TRANSITIONS,
     ) -> None:
-        self.settings = settings
+        self.choices = choices
         self.result = PositionerResult()
         self._state = self.result.state = next(iter(transitions))
         self.seen = PositionerFeedback()
         """State of the axis, read before each step."""
-        self._course = Course(settings, self.result, self.seen, settings.position_window)
-        self._chain = BlockChain(blocks or BlockTable(), self._course)
+        self._course = Course(choices, self.result, self.seen, choices.position_window)
+        self._chain = BlockChain(BlockTable(choices.blocks), self._course)
         self.request = NOTHING
         """The commands of this step,"""
         self._now = 0
@@ -187,9 +186,7 @@ class Positioner:
 
     def set_ranges(self, positions: tuple[int, int], distances: tuple[int, int]) -> None:
         """Set the range of the drive's positions, in its own coordinates, and of one relative task."""
-        self.settings = self._course.settings = replace(
-            self.settings, position_range=positions, distance_range=distances
-        )
+        self._course.positions, self._course.distances = positions, distances
 
     def require_velocity(self, velocity: int) -> None:
         """Set the only velocity of a task to a position, for a drive without 6081h; 0: any."""
@@ -307,7 +304,7 @@ class Positioner:
                 refusal = Reason.TASK_RAMP_ZERO
             elif event is _SETTING_UP_TASK:
                 refusal = Reason.TASK_DIRECTION if direction is _SHORTEST else None
-            elif commands & DIRECTIONS == DIRECTIONS and self.settings.modulo and absolute:
+            elif commands & DIRECTIONS == DIRECTIONS and self.choices.modulo and absolute:
                 refusal = Reason.TASK_DIRECTION
             elif not self._course.in_range(target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
@@ -414,7 +411,7 @@ class Positioner:
         if task.event is _SETTING_UP_TASK:
             self._course.go(velocity if task.direction is _POSITIVE else -velocity, acceleration, deceleration)
         else:
-            torque = self.settings.clamping_torque if self.request.to_fixed_stop else None
+            torque = self.choices.clamping_torque if self.request.to_fixed_stop else None
             absolute = task.commands & _ABSOLUTE != 0
             self._course.go_to(task.target, absolute, velocity, acceleration, deceleration, torque, task.direction)
 
@@ -422,10 +419,10 @@ class Positioner:
         self._begin()
         self._jog = self._jog_bit()
         place = self._jog == Command.JOG_2_ON
-        velocity = self.settings.jog_velocities[place]
+        velocity = self.choices.jog_velocities[place]
         if self.request.commands & Command.JOG_INCREMENTAL:
             self._armed &= ~self._jog
-            distance = self.settings.jog_distances[place]
+            distance = self.choices.jog_distances[place]
             self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
         else:
             self._course.go(velocity, FULL, FULL, scaled=False)
@@ -455,7 +452,7 @@ class Positioner:
 
     def _reference_coordinate(self) -> int:
         request = self.request.reference_coordinate
-        return self.settings.reference_coordinate if request is None else request
+        return self.choices.reference_coordinate if request is None else request
 
     def _refer(self, position: int) -> None:
         self._course.offset = self._reference_coordinate() - position
@@ -471,9 +468,7 @@ class Positioner:
         if not wanted:
             result.probe = False
         elif not before:
-            result.probe = self.settings.probe
-            if not self.settings.probe:
-                self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
+            result.probe = True
         elif result.probe and seen.probe_refused:
             result.probe = False
             self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
@@ -487,7 +482,7 @@ class Positioner:
         result, commands, seen, course = self.result, self.request.commands, self.seen, self._course
         state = self._state
         position = seen.position + course.offset
-        modulo = self.settings.modulo
+        modulo = self.choices.modulo
         result.position = position % modulo if modulo else position
         standing = result.standing = seen.standstill
         if state is _MDI:
@@ -509,8 +504,8 @@ class Positioner:
             result.negative_limit = result.positive_limit = False
         limits = course.limits
         if standing and limits is not None:
-            result.at_minus = position <= limits[0] + self.settings.position_window
-            result.at_plus = position >= limits[1] - self.settings.position_window
+            result.at_minus = position <= limits[0] + self.choices.position_window
+            result.at_plus = position >= limits[1] - self.choices.position_window
         else:
             result.at_minus = result.at_plus = False
         result.reason = course.held or (None if commands & _DO_NOT_REJECT else _REJECTED) or result.warning

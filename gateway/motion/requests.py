@@ -10,7 +10,7 @@ from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
-from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
+from pdgw.profidrive.datatypes import N2_100_PERCENT
 from pdgw.profidrive.signals import signal
 
 # Torque reduction and the message word of the drive telegrams: MOMRED and MELDW from and to values of CiA 402.
@@ -346,29 +346,3 @@ class PositionerChoices:
     """LU in one unit of length of telegram 112; 0: the axis cannot have it."""
     units_per_second: bool = False
     """Velocities are per second, else per minute."""
-
-
-@dataclass(frozen=True, slots=True)
-class PositionerSettings:
-    """The axis' values; every one is known or the axis is refused."""
-
-    max_velocity: int
-    position_window: int
-    position_range: tuple[int, int]
-    """Positions that the drive accepts."""
-    jog_velocities: tuple[int, int]
-    """Signed, of jog 1 and jog 2."""
-    jog_distances: tuple[int, int]
-    software_limits: tuple[int, int] | None = None
-    reference_coordinate: int = 0
-    clamping_torque: int | None = None
-    """With STW2.8, in 1/1000; None: only blocks move to a fixed stop."""
-    waiting_setpoints: bool = True
-    """The drive keeps a setpoint for after the one that runs (set of setpoints)."""
-    probe: bool = False
-    """The drive may have a touch probe (60B8h)."""
-    modulo: int = 0
-    """Positions of the user are 0 to this value - 1; 0: no wrap. ``PositionerFeedback`` and ``Motion`` count across
-    the turns."""
-    distance_range: tuple[int, int] = DataType.INTEGER32.integer_range
-    """Distances of one relative task that the drive accepts; at first all that a telegram can request."""

@@ -16,13 +16,14 @@ from pdgw.gateway.motion.requests import (
     Command,
     Motion,
     MotionKind,
+    PositionerChoices,
     PositionerFeedback,
     PositionerRequest,
     PositionerResult,
-    PositionerSettings,
 )
 from pdgw.gateway.motion.units import Direction, way
 from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.datatypes import DataType
 
 FIXED_STOP_NS: Final = 100 * MS
 """Time at standstill at the torque limit that makes a fixed stop."""
@@ -60,11 +61,15 @@ class Goal:
 class Course:
     """The goal of one axis; ``follow`` once per cycle brings ``outcome.motion`` in line with it."""
 
-    settings: PositionerSettings
+    choices: PositionerChoices
     result: PositionerResult
     seen: PositionerFeedback
     window: int | None
     """Largest distance from the target of a task that has ended; None: only the drive knows."""
+    positions: tuple[int, int] = DataType.INTEGER32.integer_range
+    """Positions that the drive accepts, and"""
+    distances: tuple[int, int] = DataType.INTEGER32.integer_range
+    """distances of one relative task; at first all that a telegram can request."""
     offset: int = 0
     """User's coordinate minus the drive's."""
     goal: Goal | None = None
@@ -94,7 +99,7 @@ class Course:
 
     def look(self, limits: bool) -> None:
         """Take whether the software limits are watched, and the begin of a relative task, before anything is decided."""
-        watched = self.settings.software_limits if limits else None
+        watched = self.choices.software_limits if limits else None
         if watched is not self.limits:
             self.limits, self.limits_moved = watched, True
         goal = self.goal
@@ -137,11 +142,11 @@ class Course:
 
     def in_range(self, target: int, absolute: bool, direction: Direction = Direction.SHORTEST) -> bool:
         """Whether the drive can be sent to a position of the user, or by a distance, as far as the software limits let it."""
-        low, high = self.settings.position_range
-        modulo = self.settings.modulo
+        low, high = self.positions
+        modulo = self.choices.modulo
         if modulo and absolute and not 0 <= target < modulo:
             return False
-        shortest, longest = self.settings.distance_range
+        shortest, longest = self.distances
         if not absolute and not shortest <= target <= longest:
             return False
         end = self._end(target, absolute, direction)
@@ -154,8 +159,8 @@ class Course:
         begin = self.seen.position + self.offset
         if not absolute:
             return begin + target
-        modulo = self.settings.modulo
-        return begin + way(begin, target, modulo, direction, self.settings.position_window) if modulo else target
+        modulo = self.choices.modulo
+        return begin + way(begin, target, modulo, direction, self.choices.position_window) if modulo else target
 
     def lacks_velocity(self, velocity: int, override: int = FULL) -> bool:
         """Whether a task to a position is slower than the only velocity of the drive."""
@@ -190,7 +195,7 @@ class Course:
 
     def go(self, velocity: int, acceleration: int, deceleration: int, *, scaled: bool = True) -> None:
         """Move with a signed speed, to the software limit where one is watched."""
-        limited = max(-self.settings.max_velocity, min(velocity, self.settings.max_velocity))
+        limited = max(-self.choices.max_velocity, min(velocity, self.choices.max_velocity))
         self._limited = limited != velocity
         self.speed = Goal(_SPEED, 0, None, limited, acceleration, deceleration, scaled)
         self._aim_speed()
@@ -221,7 +226,7 @@ class Course:
     ) -> None:
         """Move to a position of the user or by a distance, not beyond a software limit that is watched."""
         self.speed = None
-        highest = self.settings.max_velocity
+        highest = self.choices.max_velocity
         limited = velocity if velocity < highest else highest
         self._limited = limited != velocity
         distance = None if absolute else target
@@ -313,7 +318,7 @@ class Course:
         motion.kind, motion.target, motion.distance = goal.kind, goal.target, goal.distance
         motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration
         motion.override, motion.immediate, motion.torque = override, True, goal.torque
-        highest = self.settings.max_velocity * FULL
+        highest = self.choices.max_velocity * FULL
         self.result.speed_limited = self._limited or abs(goal.velocity) * override > highest
         if not motion.first:
             motion.first = serial
@@ -332,7 +337,7 @@ class Course:
         motion = self.result.motion
         motion.serial += 1
         motion.target, motion.distance, motion.immediate = target, None, False
-        motion.velocity = min(velocity, self.settings.max_velocity)
+        motion.velocity = min(velocity, self.choices.max_velocity)
         motion.acceleration, motion.deceleration = acceleration, deceleration
         self.queued = motion.serial
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
-from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable
+from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import (
     FULL,
@@ -16,7 +16,6 @@ from pdgw.gateway.motion.requests import (
     PositionerFeedback,
     PositionerRequest,
     PositionerResult,
-    PositionerSettings,
 )
 
 CYCLE = 4_000_000
@@ -25,16 +24,17 @@ RELATIVE = {"mdi": True, "absolute": False, "velocity": 3000}
 """Tasks."""
 RAMP = 20
 """LU per cycle and cycle, speeding up and slowing down."""
-SETTINGS = PositionerSettings(
+SETTINGS = PositionerChoices(
+    lu_per_revolution=10_000,
     max_velocity=30_000,
+    max_acceleration=2000,
+    max_deceleration=2000,
     position_window=5,
-    position_range=(-(1 << 30), 1 << 30),
     jog_velocities=(-3000, 3000),
     jog_distances=(500, 2000),
     software_limits=(-50_000, 50_000),
     reference_coordinate=0,
     clamping_torque=300,
-    probe=True,
 )
 
 
@@ -61,7 +61,7 @@ CHOICES = PositionerChoices(
 class PositionerRig:
     """``request`` is changed by the test, ``step`` runs cycles. ``delay``: cycles from a setpoint to the drive's acknowledge."""
 
-    settings: PositionerSettings = SETTINGS
+    settings: PositionerChoices = SETTINGS
     blocks: tuple[Block, ...] = ()
     delay: int = 1
     request: PositionerRequest = field(
@@ -71,7 +71,8 @@ class PositionerRig:
     """A mechanical stop."""
 
     def __post_init__(self) -> None:
-        self.positioner = Positioner(self.settings, BlockTable(self.blocks))
+        self.positioner = Positioner(replace(self.settings, blocks=self.blocks))
+        self.positioner.set_ranges((-(1 << 30), 1 << 30), (-(1 << 31), (1 << 31) - 1))
         self.now = 0
         self.speed = 0
         self.running = Motion()

@@ -23,7 +23,7 @@ from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW
 from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.blocks import BlockTable, BlockTask
+from pdgw.gateway.motion.blocks import BlockTask
 from pdgw.gateway.motion.positioner import HELD, Positioner
 from pdgw.gateway.motion.requests import (
     NOTHING,
@@ -35,7 +35,6 @@ from pdgw.gateway.motion.requests import (
     PositionerChoices,
     PositionerRequest,
     PositionerResult,
-    PositionerSettings,
 )
 from pdgw.gateway.motion.states import State as Function
 from pdgw.gateway.motion.units import DriveUnits, LengthUnits, Ring
@@ -68,7 +67,7 @@ class PositionerExecutor(MotionExecutor):
         choices = records.settings.positioner
         if choices is None:
             raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
-        super().__init__(records, Positioner(_settings(choices), BlockTable(choices.blocks)), _POSITION_MODE)
+        super().__init__(records, Positioner(choices), _POSITION_MODE)
         self.choices: PositionerChoices = choices
         self.report.motion = self.positioner.result
         self._units: LengthUnits | None = None
@@ -400,21 +399,3 @@ class PositionerExecutor(MotionExecutor):
 def _in_length(length: LengthUnits, positions: tuple[int, int]) -> tuple[int, int]:
     low, high = positions
     return length.to_length(low), length.to_length(high)
-
-
-def _settings(choices: PositionerChoices) -> PositionerSettings:
-    """Range before the drive is known: that of the object."""
-    return PositionerSettings(
-        choices.max_velocity,
-        choices.position_window,
-        CanType.I32.integer_range,
-        choices.jog_velocities,
-        choices.jog_distances,
-        choices.software_limits,
-        choices.reference_coordinate,
-        # A waiting setpoint starts later: the revolution of the axis at that time is not known when it is sent.
-        waiting_setpoints=choices.waiting_setpoints and not choices.modulo,
-        clamping_torque=choices.clamping_torque,
-        probe=True,
-        modulo=choices.modulo,
-    )
