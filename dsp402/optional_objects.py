@@ -10,8 +10,6 @@ from typing import Final
 
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.dsp402 import objects
-from pdgw.dsp402.identification.overlay import entries_of
-from pdgw.dsp402.objects import DRIVE_OBJECTS
 
 _RW, _RO = Access.RW, Access.RO
 _I8, _I16, _I32 = CanType.I8, CanType.I16, CanType.I32
@@ -72,13 +70,3 @@ VL_ENTRIES: Final[Mapping[str, Entry]] = {
     entry.attribute: entry for spec in FURTHER_OBJECTS for entry in spec.entries if entry.attribute
 }
 """Objects of velocity mode (vl), by image attribute."""
-_OF_VL: Final = {entry.address: entry for entry in VL_ENTRIES.values()}
-
-
-def image_entry(index: int, subindex: int, families: tuple[str, ...]) -> Entry | None:
-    """The object at an address as the images of a drive have it, in whichever mode; None for no such object.
-
-    ``families``: what the drive may be of (``overlay.families_of``).
-    """
-    address = (index, subindex)
-    return DRIVE_OBJECTS.get(index, subindex) or _OF_VL.get(address) or entries_of(families).get(address)

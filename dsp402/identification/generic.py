@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cache, lru_cache
+from collections.abc import Callable
+from functools import cache
 
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
@@ -11,20 +11,18 @@ from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VENDOR, communication_objects, pdo_objects
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.node.inquiry import Inquiry
-from pdgw.ds301.objects import Entry, ObjectAddress, ObjectKind, ObjectSpec
+from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.ds301.sdo_transfer import SdoCommunicationError
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.describe import (
-    OPTIONAL_OBJECTS,
     PROFILE_AREA,
-    answers_of_defaults,
     describe,
     questions,
     signed,
     variable,
 )
-from pdgw.dsp402.identification.overlay import families_of, overlay, overlay_for, overlays
+from pdgw.dsp402.identification.overlay import overlay, overlay_for
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
 from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
 from pdgw.dsp402.units.mechanics import UnitKeys
@@ -107,45 +105,6 @@ def dictionary_of(
         if (information.vendor_number, information.product_number) == (vendor_id, product_code):
             return packaged
     return discovered_dictionary(node_id, read)
-
-
-@cache
-def _recorded_addresses() -> Mapping[ObjectAddress, bool]:
-    """The objects that are read at the start of a drive, and whether each is a signed number."""
-    dictionary = generic_dictionary()
-    return {address: signed(dictionary, address) for address in questions(dictionary)}
-
-
-def recorded_answer(address: ObjectAddress, data: bytes) -> int | None:
-    """What an SDO answer in a recording says about the drive; None for an object that a drive is not asked for at its start.
-
-    1 for an optional object: that it is there counts, its value changes all the time.
-    """
-    is_signed = _recorded_addresses().get(address)
-    if is_signed is None:
-        return None
-    return 1 if address in OPTIONAL_OBJECTS else int.from_bytes(data, "little", signed=is_signed)
-
-
-def recorded_families(answers: Mapping[ObjectAddress, int]) -> tuple[str, ...]:
-    """The possible families of a drive with these recorded answers."""
-    return families_of(answers.get(IDENTITY_VENDOR), answers.get(IDENTITY_PRODUCT, 0))
-
-
-@lru_cache(maxsize=64)
-def recorded_drive_type(answers: frozenset[tuple[ObjectAddress, int]]) -> DriveType:
-    """The drive of recorded answers. Missing facts come from the package's data sheet of that device; without an identity,
-    from that of the first family that has one."""
-    told = dict(answers)
-    vendor_id = told.get(IDENTITY_VENDOR)
-    sheets = [item for item in overlays().values() if item.eds_path is not None]
-    packaged = [item for item in sheets if vendor_id is None or item.fits(vendor_id, told.get(IDENTITY_PRODUCT, 0))]
-    if not packaged:
-        return describe(generic_dictionary(), told)
-    path = packaged[0].eds_path
-    assert path is not None
-    dictionary = import_eds(path, 1).dictionary
-    return describe(dictionary, answers_of_defaults(dictionary) | told)
 
 
 def _dictionary(node_id: int | None, read: Read) -> canopen.ObjectDictionary:

@@ -45,8 +45,6 @@ CUSTOM_HEAD: Final = struct.Struct(">IIIcxxxI")
 """Kind, length of the block, enterprise; then kind and length of the content."""
 _TAIL: Final = struct.Struct(">I")
 CAN_PACKET: Final = struct.Struct(">IIIQIIIBxxx8sI")
-CAN_SIZE: Final = 16
-CAN_LENGTH: Final = CAN_PACKET.size
 CYCLE_HEAD: Final = struct.Struct(">QqqBI")
 """Number of the cycle, its monotonic time, wall clock minus monotonic clock, flags, microseconds to the answer."""
 FRESH, CONNECTED, ANSWERED, WHOLE = 1, 2, 4, 8

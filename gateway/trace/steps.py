@@ -32,7 +32,6 @@ _VALUE: Final = "is"
 HOMES: Final = (
     "pdgw.ds301.objects",
     "pdgw.dsp402.drive_type",
-    "pdgw.dsp402.drive_type",
     "pdgw.gateway.axis.executors.sensor",
     "pdgw.gateway.axis.settings",
     "pdgw.gateway.axis.values",

@@ -66,11 +66,6 @@ def configuration_in(path: Path) -> str:
         return ""
 
 
-def can_packet(identifier: int, data: bytes) -> bytes:
-    """A CAN frame as a packet of SocketCAN; ``identifier`` has its flags."""
-    return struct.pack(">IBxxx", identifier, len(data)) + data
-
-
 # A binary stream read in blocks, with a window that is cut from the front: constant memory for files of any size.
 
 
@@ -141,7 +136,6 @@ _PCAP_HEADER: Final = 24
 _PCAP_RECORD: Final = 16
 
 PCAPNG_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
-_SECTION = 0x0A0D0D0A
 _INTERFACE = 1
 _PACKET_OBSOLETE = 2
 _SIMPLE = 3

@@ -11,27 +11,15 @@ from typing import Final
 from pdgw.ds301.bus.can_frame import EXTENDED_ID
 from pdgw.ds301.communication import EMCY_COB_ID, SYNC_COB_ID, TIME_COB_ID, profile_of
 from pdgw.ds301.objects import CanType, Entry
-from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection, is_communication_parameter, is_mapping_parameter
+from pdgw.ds301.pdo import COB_ID_INVALID, is_communication_parameter, is_mapping_parameter
 from pdgw.dsp402.identification.overlay import all_families, entries_of, overlay, with_units
 from pdgw.dsp402.objects import DRIVE_PROFILE, known_objects
-from pdgw.dsp402.optional_objects import FURTHER_OBJECTS, image_entry
+from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.kinds import DEVICES, ENCODER_PROFILE
 from pdgw.tools.decoder.frames.canopen.can_records import PdoLayout
 from pdgw.tools.decoder.frames.fields import Field, Raw, entry_field
 from pdgw.tools.decoder.frames.records import ProcessDataLayout
-
-# The PDOs of a recording as the drive's codec sees them, whatever the gateway that made it has mapped.
-
-
-def recorded_rpdo(layout: PdoLayout, families: tuple[str, ...]) -> Pdo | None:
-    """The RPDO as it was mapped; None for one with an object that is none of the drive's, which may be of these families."""
-    entries = tuple(image_entry(*address, families) for address in layout.addresses)
-    known = tuple(entry for entry in entries if entry is not None and entry.attribute)
-    if not known or len(known) < len(entries) or sum(entry.type.bits for entry in known) != layout.size * 8:
-        return None
-    return Pdo(PdoDirection.RPDO, int(layout.name.removeprefix(PdoDirection.RPDO.label)), known)
-
 
 # Names and types of objects, and PDO layouts made of mappings.
 #
