@@ -17,13 +17,13 @@ from pdgw.gateway.configuration.file import config_text, load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace import pcapng
-from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.client import dump
 from pdgw.tools.client.dump import Dump
 from tests.formats.write import HERE
 from tests.support import cli
+from tests.support.plc.cycling import CyclingPlc
 
 RELEASES = sorted(path.name for path in HERE.iterdir() if path.is_dir() and path.name[0].isdigit())
 NEWER = r"format version 2 is unknown, this gateway reads 1 to 1: use the gateway that wrote the file, or a newer one"

@@ -18,8 +18,10 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import explanation, fault_status, snapshot
 from pdgw.tools.recording.trace_keeper import captured
-from pdgw.tools.web.run import in_background
+from pdgw.tools.web.app import Capture, Parameters
+from pdgw.tools.web.run import made_page
 from pdgw.tools.web.server.guard import Token
+from pdgw.tools.web.server.server import listen
 from pdgw.tools.web.status import feed
 from pdgw.tools.web.status.feed import Document
 from pdgw.tools.web.status.watch import Watch
@@ -123,6 +125,20 @@ def until(condition: Any, what: str) -> None:
     while not condition():
         assert time.monotonic() < deadline, what
         time.sleep(0.01)
+
+
+@contextmanager
+def in_background(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None = None) -> Iterator[int]:
+    """Serve a page on a thread; gives its port."""
+    server = made_page(watch, parameters, capture, token)
+    with listen(watch.config.web) as port:
+        thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[port])), name="page")
+        thread.start()
+        try:
+            yield int(port.getsockname()[1])
+        finally:
+            server.should_exit = True
+            thread.join()
 
 
 @contextmanager

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
@@ -33,7 +30,7 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
 
         publisher = Publisher(config.mqtt, watch)
         watch.feed.listeners.append(publisher.publish_changes)
-    server = _made(watch, parameters, capture, token)
+    server = made_page(watch, parameters, capture, token)
     with listen(web) as port:
         log.info("page at %s", page_address(port, tls=web.tls_cert is not None))
         if publisher is not None:
@@ -45,22 +42,8 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
                 publisher.stop()
 
 
-@contextmanager
-def in_background(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None = None) -> Iterator[int]:
-    """Serve a page on a thread, for tests and pictures; gives its port."""
-    web = watch.config.web
-    server = _made(watch, parameters, capture, token)
-    with listen(web) as port:
-        thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[port])), name="page")
-        thread.start()
-        try:
-            yield int(port.getsockname()[1])
-        finally:
-            server.should_exit = True
-            thread.join()
-
-
-def _made(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None) -> PageServer:
+def made_page(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None) -> PageServer:
+    """The server of the page with its limits, not started."""
     places = Places()
     app, streams = made_app(watch, parameters, capture, token, places)
     return made_server(app, streams, places, watch.config.web)

@@ -16,10 +16,10 @@ from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
-from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
 from tests.support.gateways.daemon import drive_of, running, world_of
+from tests.support.plc.cycling import CyclingPlc
 
 TITLES = ("what is lost", "from ... to", "p50", "max", "bound")
 _CHANNEL, _NODE = "stops", 1

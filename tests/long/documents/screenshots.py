@@ -19,9 +19,9 @@ from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.world import Plc
 from pdgw.tools.recording.trace_keeper import captured
 from pdgw.tools.web.parameters import PageParameters
-from pdgw.tools.web.run import in_background
 from pdgw.tools.web.status.watch import Watch
 from tests.support.gateways.daemon import axis, configuration, running, world_of
+from tests.support.page import in_background
 
 _SHOTS = {"axes": "axes", "axis": "axis/1", "axis-dark": "axis/3", "telephone": "axes", "telephone-dark": "axis/1"}
 _TELEPHONE, _DESK = {"width": 390, "height": 844}, {"width": 1180, "height": 860}

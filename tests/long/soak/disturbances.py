@@ -12,8 +12,8 @@ from pdgw.ds301.communication import ERROR_CONTROL, NMT, NmtCommand, NmtState
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS
 from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import Conditions
+from tests.support.plc.cycling import CyclingPlc
 
 if TYPE_CHECKING:
     from tests.long.soak.soak_run import SoakRun

@@ -29,7 +29,6 @@ from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, Machine, shape
 from pdgw.peers.node.faults import WrongIdentity
-from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -43,6 +42,7 @@ from tests.long.soak.plan import AxisPlan, Part, Plan, shapes_of
 from tests.long.soak.trace import Trace
 from tests.long.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError, require
 from tests.long.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
+from tests.support.plc.cycling import CyclingPlc
 
 CHANNEL: Final = "soak"
 _CHECK_NS: Final = 25 * MS

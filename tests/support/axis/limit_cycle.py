@@ -17,10 +17,10 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.peers.drive import Latency, SimulatedDrive
-from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
 from tests.long.soak.plan import POSITIONER
+from tests.support.plc.cycling import CyclingPlc
 
 TRANSPARENT = 100
 WATCHED_NS = 900 * MS

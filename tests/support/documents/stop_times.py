@@ -12,13 +12,13 @@ from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.plc.exchange.endpoint import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
 from tests.support.documents.parts import write_part
 from tests.support.gateways.daemon import OFF, ON, axis, configuration
 from tests.support.gateways.profinet_daemon import Plant
+from tests.support.plc.cycling import CyclingPlc
 from tests.support.wire.ethernet import FakeEthernet
 from tests.support.wire.profinet import PLC_MAC
 
