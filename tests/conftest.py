@@ -19,7 +19,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from pdgw.gateway.service.build import COMPILED, kind
-from pdgw.tools.recording import background_writer
+from pdgw.tools.recording import recorder
 from tests.support.buses import PATIENCE_S
 from tests.support.logs import log_put_back
 
@@ -142,5 +142,5 @@ def _log() -> Iterator[None]:
 def _patience() -> Iterator[None]:
     """A log or a recording that was stopped is whole, also where its thread got no processor for seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(background_writer, "END_S", PATIENCE_S)
+        patch.setattr(recorder, "END_S", PATIENCE_S)
         yield

@@ -13,16 +13,18 @@ from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
-import can
 import pytest
 import yaml
 from scapy.layers.l2 import Ether
 from scapy.utils import RawPcapReader
 
 from pdgw.tools.demo.chapters import CHAPTERS
+from pdgw.tools.demo.links import RECORD
+from pdgw.tools.recording.recorder import CAPTURE
 from tests.support.buses import PATIENCE_S
 from tests.support.processes import demo_undisturbed, running, wait_for_text
 from tests.support.readers import tshark
+from tests.support.readers.captures import can_frames
 from tests.support.readers.scapy_layers import ProfidriveCyclic, bind
 
 pytestmark = pytest.mark.e2e
@@ -85,12 +87,12 @@ def frames_of_the_plc(out: Path) -> None:
 
 def frames_on_can(out: Path) -> None:
     """Configuration and process data of every node, and the fault."""
-    messages = list(can.LogReader(out / "can.log"))
-    identifiers = {message.arbitration_id for message in messages}
+    frames = can_frames(out / RECORD / CAPTURE)
+    identifiers = {identifier for identifier, _ in frames}
     for node in (1, 2, 3):
         assert {0x600 + node, 0x580 + node, 0x200 + node, 0x180 + node, 0x700 + node} <= identifiers
     assert {0x604, 0x584, 0x184, 0x704, 0x84} <= identifiers
-    assert any(message.arbitration_id == 0x81 and bytes(message.data[:2]) == b"\x10\x23" for message in messages)
+    assert any(identifier == 0x81 and data[:2] == b"\x10\x23" for identifier, data in frames)
 
 
 def pictures(out: Path) -> None:

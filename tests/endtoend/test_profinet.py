@@ -19,6 +19,7 @@ from pdgw.tools.decoder.frames.engine import Decoder, Packet
 from pdgw.tools.decoder.frames.profinet.connect import DcpRecord
 from pdgw.tools.decoder.frames.records import CyclicRecord
 from pdgw.tools.demo import namespaces
+from pdgw.tools.demo.links import RECORD
 from pdgw.tools.recording.recorder import CAPTURE
 from tests.support.cli import pdgw as in_process
 from tests.support.processes import PATIENT, demo_undisturbed, pdgw
@@ -84,23 +85,23 @@ def check_report(out: Path) -> None:
 
 def capture_without_a_configuration(out: Path) -> None:
     """The capture contains its configuration (Connect)."""
-    result = in_process("decode", str(out / "plc.pcapng"), "--json")
+    recording = str(out / RECORD / CAPTURE)
+    result = in_process("decode", recording, "--json")
     assert result.returncode == 0, result.stderr
     assert "observed in Connect of press-1: axis 1 telegram 1, axis 2 telegram 9" in result.stderr
     kinds = {json.loads(line)["kind"] for line in result.stdout.splitlines()}
     assert kinds >= {"dcp", "lldp", "rpc", "alarm", "frame", "parameter-request", "parameter-response"}
-    told = in_process("timeline", str(out / "plc.pcapng"), str(out / "can.log"), "--config", str(out / "gateway.toml"))
+    told = in_process("timeline", recording)
     assert told.returncode == 0, told.stderr
     assert "relationship of pdgw-plc and press-1 confirmed" in told.stdout
-    recording = str(out / "gateway" / "gateway.pcapng")
-    assert "-> executed" in in_process("timeline", recording).stdout
+    assert "-> executed" in told.stdout
     replayed = in_process("replay", recording)
     assert replayed.returncode == 0, replayed.stdout
 
 
 def dissected(out: Path) -> None:
     """tshark finds cyclic frames and nothing malformed."""
-    rows = tshark.fields(out / "plc.pcapng", ["pn_rt.frame_id", "_ws.malformed"])
+    rows = tshark.fields(out / RECORD / CAPTURE, ["pn_rt.frame_id", "_ws.malformed"])
     assert not [row for row in rows if row["_ws.malformed"]]
     assert any(row["pn_rt.frame_id"] for row in rows)
 

@@ -11,7 +11,6 @@ import subprocess
 import threading
 from pathlib import Path
 
-import can
 import pytest
 
 from pdgw.gateway.service.status_client import fetch
@@ -22,6 +21,7 @@ from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
 from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, running, wait_for_text
+from tests.support.readers.captures import can_frames
 
 pytestmark = pytest.mark.e2e
 LONG_CYCLE = ("--cycle-time-ms", "100")
@@ -73,9 +73,9 @@ def test_every_signal_runs_the_stop_sequence_and_completes_the_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     port = free_udp_port()
-    log, moved, frames = tmp_path / "gateway.log", tmp_path / "gateway.log.1", tmp_path / "can.log"
+    log, moved = tmp_path / "gateway.log", tmp_path / "gateway.log.1"
     options = [*LONG_CYCLE, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
-    options += ["--log-file", str(log), "--can-log", str(frames), "--record", str(tmp_path / "record")]
+    options += ["--log-file", str(log), "--record", str(tmp_path / "record")]
     with running("run", "--simulate", *options, log=tmp_path / "stderr") as process:
         SocketPlc(("127.0.0.1", port), [1]).enable(0)
         process.send_signal(signal.SIGUSR1)
@@ -90,21 +90,21 @@ def test_every_signal_runs_the_stop_sequence_and_completes_the_files(
     assert log.read_text().rstrip().endswith("stopped")
     assert "stopping the drives" not in moved.read_text()
 
-    recorded = [(message.arbitration_id, bytes(message.data)) for message in can.CanutilsLogReader(frames)]
+    capture = tmp_path / "record" / CAPTURE
+    recorded = can_frames(capture)
     controlwords = [data[-2:].hex() for identifier, data in recorded if identifier == 0x201]
     first = [controlwords.index(word) for word in ("0600", "0700", "0f00")]
     assert first == sorted(first), "Shutdown, Switch On, Enable Operation in this order"
     assert recorded[-1] == (0, bytes((0x80, 1))), "the last frame is NMT pre-operational"
 
     # Timeline and replay need only what the gateway recorded, and report no false alarms.
-    capture = str(tmp_path / "record" / CAPTURE)
-    timeline([capture])
+    timeline([str(capture)])
     told = capsys.readouterr().out
     assert "+OPERATION_ENABLED" in told
     assert "clocks: one clock" in told
     assert "assumed:" not in told
     assert "differs from the rules of this version" not in told
-    replay([capture])
+    replay([str(capture)])
     assert capsys.readouterr().out.splitlines()[-1].endswith("all equal")
 
 

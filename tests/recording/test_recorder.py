@@ -12,7 +12,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.tools.commands.capture.decode import decode
-from pdgw.tools.decoder.capture.pcap import PcapngWriter, configuration_in
+from pdgw.tools.decoder.capture.pcap import configuration_in
 from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.frames.engine import Decoder, Packet, Settings, given_axes
 from pdgw.tools.decoder.frames.records import CyclicRecord, LinkType
@@ -22,6 +22,7 @@ from tests.support.axis.recorded import speed
 from tests.support.gateways.daemon import axis, configuration
 from tests.support.gateways.recorded_daemon import recorded
 from tests.support.readers import tshark
+from tests.support.readers.ethernet_capture import PcapngWriter
 
 FULL = """
 store = "p.json"

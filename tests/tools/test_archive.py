@@ -19,10 +19,10 @@ from pdgw.gateway.configuration.file import config_text, simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
-from pdgw.tools.decoder.capture.pcap import PcapngWriter
 from pdgw.tools.decoder.export.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
 from pdgw.tools.decoder.frames.records import LinkType
 from tests.support.readers import captures
+from tests.support.readers.ethernet_capture import PcapngWriter
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra archive is not installed")
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"

@@ -1,4 +1,4 @@
-"""Log and recording never delay the gateway: full disks, blocked pipes, storms."""
+"""The log never delays the gateway: full disks, blocked pipes, storms."""
 
 from __future__ import annotations
 
@@ -15,19 +15,16 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
-import can
 import pytest
 
 from pdgw.ds301.communication import EMCY, SDO_RESPONSE
 from pdgw.ds301.counters import Counters
-from pdgw.tools.recording import background_writer
+from pdgw.tools.recording import recorder
 from pdgw.tools.service.log_format import LogLevel
-from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
+from pdgw.tools.service.run_log import RunLog, on_signals
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import axis, configuration, running, until, world_of
 from tests.support.logs import log_put_back
-
-FRAME = can.Message(arbitration_id=0x181, data=b"\x31\x02")
 
 
 def test_log_tests_remove_their_handlers(tmp_path: Path) -> None:
@@ -42,57 +39,6 @@ def test_log_tests_remove_their_handlers(tmp_path: Path) -> None:
 
 def shown(counters: Counters, part: str) -> int:
     return sum(int(item["value"]) for item in counters.values() if item["part"] == part)  # type: ignore[call-overload]
-
-
-def test_can_recorder_on_a_full_disk_reports_it_and_drops_frames(caplog: pytest.LogCaptureFixture) -> None:
-    recorder = CanRecorder(Path("/dev/full"))
-    counters = Counters()
-    recorder.writer.count_in(counters, "can-log")
-    deadline = time.monotonic() + PATIENCE_S
-    while not recorder.writer.failed and time.monotonic() < deadline:
-        recorder.record("can0", FRAME)
-    for _ in range(1000):
-        recorder.record("can0", FRAME)
-    assert recorder.writer.failed
-    assert recorder.writer.waiting <= 1
-    assert shown(counters, "can-log") >= 1000
-    recorder.stop()
-    assert "No space left on device; the recording has stopped" in caplog.text
-
-
-def test_a_can_recorder_that_is_too_slow_keeps_a_bounded_number_of_frames(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pdgw.tools.recording.background_writer._WAITING", 10)
-    released = threading.Event()
-    monkeypatch.setattr("pdgw.tools.decoder.capture.canlog.candump_line", lambda _: released.wait(PATIENCE_S) and "x\n")
-    recorder = CanRecorder(tmp_path / "can.log")
-    for _ in range(100):
-        recorder.record("can0", FRAME)
-    assert recorder.writer.lost >= 89
-    released.set()
-    recorder.stop()
-
-
-def test_unwritable_frame_is_lost_alone_and_reported_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    lines = iter(["first\n", None, None, "last\n"])
-
-    def line(_: can.Message) -> str:
-        text = next(lines)
-        if text is None:
-            raise ValueError("a mistake")
-        return text
-
-    monkeypatch.setattr("pdgw.tools.decoder.capture.canlog.candump_line", line)
-    recorder = CanRecorder(tmp_path / "can.log")
-    for _ in range(4):
-        recorder.record("can0", FRAME)
-    recorder.stop()
-    assert (tmp_path / "can.log").read_text() == "first\nlast\n"
-    assert recorder.writer.lost == 2
-    assert caplog.text.count("ValueError: a mistake") == 1
 
 
 def test_log_continues_when_its_folder_is_back(tmp_path: Path) -> None:
@@ -156,7 +102,7 @@ def test_log_to_a_blocked_pipe_does_not_prevent_the_end() -> None:
 
 
 def test_lines_that_were_still_waiting_at_the_end_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background_writer, "END_S", 0.01)
+    monkeypatch.setattr(recorder, "END_S", 0.01)
     run_log = RunLog(LogLevel.INFO, tmp_path / "log")
     run_log._handler.acquire()
     try:
@@ -179,7 +125,7 @@ def test_delayed_end_of_a_process_costs_one_short_wait() -> None:
             return self.waits < 3
 
     thread = Writing()
-    background_writer.wait_for_end(thread)
+    recorder.wait_for_end(thread)
     assert thread.waits == 3
 
 

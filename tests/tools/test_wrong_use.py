@@ -79,7 +79,6 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
         (("run", "--simulate", "--status-port", "70000"), "--status-port 70000"),
         (("run", "--simulate", "--cycle-time-ms", "0"), "--cycle-time-ms 0"),
         (("run", "--simulate", "--log-file", "/nowhere/log"), "--log-file /nowhere/log: cannot be written"),
-        (("run", "--simulate", "--can-log", "/nowhere/can.log"), "--can-log /nowhere/can.log: cannot be written"),
         (("status", "--port", "1"), "no gateway answers"),
         (("sim", "plc"), "give either a scenario file or --interactive"),
         (("sim", "plc", "turn.yaml", "--interactive"), "give either a scenario file or --interactive"),

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Protocol
 
 from pdgw.tools.demo.namespaces import ADDRESS_HERE, HERE, THERE, VethPair, forward
-from pdgw.tools.recording.recorder import EthernetCapture
+from pdgw.tools.recording.recorder import CAPTURE
 
 STATION = "press-1"
+RECORD = "gateway"
+"""Folder of the gateway's own recording."""
 
 
 def free_ports(kind: socket.SocketKind, number: int) -> list[int]:
@@ -34,13 +36,13 @@ class DemoLink(Protocol):
 
     @property
     def capture(self) -> str:
-        """Name of the capture file of the link."""
+        """The file with the frames of the link."""
 
     @property
     def transport(self) -> str:
         """Lines of the gateway's ``[transport]`` section."""
 
-    def open(self, out: Path, control_port: int) -> None:
+    def open(self, control_port: int) -> None:
         """Create what the processes need. ``control_port``: the devices' port on loopback."""
 
     def plc(self, out: Path) -> list[str]:
@@ -66,7 +68,7 @@ class OnLoopback:
     def transport(self) -> str:
         return f"cyclic_port = {self._cyclic}\nacyclic_port = {self._acyclic}\n"
 
-    def open(self, out: Path, control_port: int) -> None:
+    def open(self, control_port: int) -> None:
         self._control = control_port
 
     def plc(self, out: Path) -> list[str]:
@@ -83,9 +85,9 @@ class OnLoopback:
 
 
 class OnEthernet:
-    """PROFINET: the PLC is in a network namespace of its own; frames have the kernel's time stamps."""
+    """PROFINET: the PLC is in a network namespace of its own."""
 
-    capture = "plc.pcapng"
+    capture = f"{RECORD}/{CAPTURE}"
     transport = f'type = "profinet"\ninterface = "{HERE}"\nstation_name = "{STATION}"\n'
 
     def __init__(self) -> None:
@@ -93,9 +95,8 @@ class OnEthernet:
         self._pair: VethPair | None = None
         self._control = 0
 
-    def open(self, out: Path, control_port: int) -> None:
+    def open(self, control_port: int) -> None:
         self._pair = pair = self._made.enter_context(VethPair())
-        self._made.enter_context(EthernetCapture(HERE, out / self.capture))
         # The simulated drives listen on this loopback. The PLC has its own loopback and uses the same port there.
         self._control = control_port
         listener = self._made.enter_context(pair.listener(control_port))

@@ -18,7 +18,7 @@ from typing import IO, Any
 from pdgw.gateway.errors import GatewayError, writing
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.tools.demo.chapters import Chapter
-from pdgw.tools.demo.links import DemoLink, free_ports
+from pdgw.tools.demo.links import RECORD, DemoLink, free_ports
 from pdgw.tools.demo.plot import plot
 from pdgw.tools.recording.recorder import CAPTURE
 from pdgw.tools.recording.recordings import Part, known_from, look_ahead, write_page
@@ -26,9 +26,7 @@ from pdgw.tools.recording.recordings import Part, known_from, look_ahead, write_
 CHAPTER_LIMIT_S = 300
 _STOP_S = 60
 """Longest time for a process to end, also on a busy machine."""
-RECORD = "gateway"
-"""Folder of the gateway's own recording."""
-_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "plc.pcapng", "can.log", "trace.png", "trace.html")
+_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "trace.png", "trace.html")
 
 
 @dataclass
@@ -106,14 +104,12 @@ class Demo:
 
     def _start(self, channel: str) -> None:
         (control,) = free_ports(socket.SOCK_STREAM, 1)
-        self.link.open(self.out, control)
+        self.link.open(control)
         can = {"interface": INTERFACE, "channel": channel}
         config = self._write("gateway.toml", self.chapter.gateway(can, self.link.transport))
         devices = self._write("devices.toml", self.chapter.devices(can, control))
         self._spawn("devices", "sim", "bus", str(devices))
-        self._spawn(
-            "gateway", "run", str(config), "--can-log", str(self.out / "can.log"), "--record", str(self.out / RECORD)
-        )
+        self._spawn("gateway", "run", str(config), "--record", str(self.out / RECORD))
         self._spawn(
             "plc",
             *("sim", "plc", str(self.scenario), "--progress", *self.link.plc(self.out)),

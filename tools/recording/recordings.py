@@ -38,11 +38,10 @@ from pdgw.tools.decoder.timeline.builder import HOLD_NS, TimelineBuilder
 from pdgw.tools.decoder.timeline.clocks import ONE_CLOCK, Clocks, correlate
 from pdgw.tools.decoder.timeline.entries import Edge, Entry
 from pdgw.tools.recording.progress import with_progress
+from pdgw.tools.recording.recorder import CONFIGURATION
 
 INFER_FROM = 20_000
 """Packets of a file that are searched for the telegrams."""
-CONFIGURATION = "gateway.toml"
-"""Beside captures: the configuration they were made with."""
 _CYCLES = 2000
 """Cycles whose length is measured."""
 _AT_ONCE = 1 << 20

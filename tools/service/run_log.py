@@ -1,11 +1,10 @@
-"""The log of ``pdgw run`` and its recording of CAN frames. Neither delays the gateway or runs longer than it.
+"""The log of ``pdgw run``. It does not delay the gateway and does not run longer than it.
 
-Threads write both from bounded queues. Lines that a full disk or a blocked pipe does not accept are counted and dropped.
+A thread writes it from a bounded queue. Lines that a full disk or a blocked pipe does not accept are counted and dropped.
 """
 
 from __future__ import annotations
 
-import copy
 import logging
 import logging.handlers
 import queue
@@ -17,14 +16,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import can
 from rich.console import Console
 from rich.logging import RichHandler
 
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.errors import writing
-from pdgw.tools.recording import background_writer
-from pdgw.tools.recording.background_writer import BackgroundWriter
+from pdgw.tools.recording import recorder
 from pdgw.tools.service.log_format import Bundle, LogFormat, LogLevel, formatter
 
 log = logging.getLogger("gateway")
@@ -84,7 +81,7 @@ class _FromQueue(logging.handlers.QueueListener):
                     handler.handleError(record)
 
     def enqueue_sentinel(self) -> None:
-        self._records.put(self._sentinel, timeout=background_writer.END_S)  # type: ignore[attr-defined]
+        self._records.put(self._sentinel, timeout=recorder.END_S)  # type: ignore[attr-defined]
 
     def stop(self) -> None:
         thread: threading.Thread | None = self._thread
@@ -95,7 +92,7 @@ class _FromQueue(logging.handlers.QueueListener):
         except queue.Full:
             self.left = self._records.qsize()
             return  # the output is blocked: the thread ends with the process
-        background_writer.wait_for_end(thread)
+        recorder.wait_for_end(thread)
         self._thread = None
         if thread.is_alive():
             self.left = self._records.qsize()  # including the sentinel, which counts as the line being written
@@ -196,34 +193,6 @@ class RunLog:
     def stop(self) -> None:
         """Write the waiting lines, for two seconds at most."""
         self._listener.stop()
-
-
-class CanRecorder:
-    """Writes the frames of all networks to a file."""
-
-    def __init__(self, file: Path) -> None:
-        from pdgw.tools.decoder.capture.canlog import (  # noqa: PLC0415 (a gateway that records nothing starts without)
-            candump_line,
-        )
-
-        with writing(f"--can-log {file}"):
-            self._file = file.open("w", encoding="ascii", errors="replace", buffering=1 << 16)
-        self.writer: BackgroundWriter[can.Message] = BackgroundWriter(
-            f"--can-log {file}", lambda message: self._file.write(candump_line(message)), self._file.close
-        )
-
-    def record(self, bus: str, message: can.Message) -> None:
-        """Record a frame. The loop reuses its messages, so a copy is queued.
-
-        Both directions get the name ``bus``: python-can sets the channel in received frames only.
-        """
-        recorded = copy.copy(message)
-        recorded.channel = bus
-        self.writer.put(recorded)
-
-    def stop(self) -> None:
-        """Like ``BackgroundWriter.stop``."""
-        self.writer.stop()
 
 
 Stop = Callable[[], None]

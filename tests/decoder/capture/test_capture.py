@@ -23,14 +23,13 @@ from pdgw.ds301.bus.port import open_bus
 from pdgw.durations import MS
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.capture import live
-from pdgw.tools.decoder.capture.canlog import MAX_LINE, candump_line, message_packet, read_candump
+from pdgw.tools.decoder.capture.canlog import MAX_LINE, message_packet, read_candump
 from pdgw.tools.decoder.capture.pcap import MAX_PACKET, CaptureError, read_capture
 from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Packet
 from pdgw.tools.decoder.frames.records import CyclicRecord
-from pdgw.tools.service.run_log import CanRecorder
 from tests.support.buses import PATIENCE_S, channel
-from tests.support.readers import captures, tshark
+from tests.support.readers import captures
 from tests.support.readers.captures import BEGIN_NS, CANOPEN
 from tests.support.readers.scapy_layers import cyclic_frame
 
@@ -424,18 +423,6 @@ def test_a_network_interface_is_read_live_or_refused_with_the_reason() -> None:
     assert received == set(sent)
 
 
-def test_the_gateways_own_log_has_one_name_for_both_directions(tmp_path: Path) -> None:
-    recorder = CanRecorder(tmp_path / "can.log")
-    for cob_id, named in ((0x601, None), (0x581, "elsewhere")):
-        recorder.record("can0", can.Message(arbitration_id=cob_id, data=bytes(8), is_extended_id=False, channel=named))
-    recorder.stop()
-    with open_source(str(tmp_path / "can.log")) as source:
-        assert [(p.channel, p.frame.cob_id) for p in source.packets if isinstance(p, CanPacket)] == [
-            ("can0", 0x601),
-            ("can0", 0x581),
-        ]
-
-
 def test_no_such_interface() -> None:
     with pytest.raises(Exception, match="--live nosuch0: cannot be opened"):
         live.open_interface("nosuch0")
@@ -458,13 +445,15 @@ MESSAGES = (
     can.Message(1700000000.123456, 0x7FF, False, channel="can0", data=b""),
     can.Message(1700000001.5, 0x12345678, True, channel="can1", data=bytes(8)),
     can.Message(1700000002.0, 0x701, False, is_remote_frame=True, dlc=0, channel="can0"),
-    can.Message(1700000003.0, 0x8, True, is_error_frame=True, dlc=8, data=bytes(8), channel="can0"),
+    can.Message(1700000003.0, 0x80, True, is_error_frame=True, dlc=8, data=bytes(8), channel="can0"),
 )
 
 
-def test_recorded_packets_are_read_again(tmp_path: Path) -> None:
+def test_candump_log_of_python_can_is_read(tmp_path: Path) -> None:
     path = tmp_path / "can.log"
-    path.write_text("".join(candump_line(message) for message in MESSAGES))
+    with can.CanutilsLogWriter(path) as writer:
+        for message in MESSAGES:
+            writer.on_message_received(message)
     with open_source(str(path)) as source:
         found = list(source.packets)
     expected = [message_packet(number, message) for number, message in enumerate(MESSAGES, 1)]
@@ -475,13 +464,3 @@ def test_recorded_packets_are_read_again(tmp_path: Path) -> None:
         (p.frame.cob_id, p.frame.extended, p.frame.remote, p.frame.error) for p in expected
     ]
     assert [frame.data for frame in frames[:4]] == [packet.frame.data for packet in expected[:4]]
-
-
-@pytest.mark.tshark
-@tshark.needs_tshark
-def test_tshark_opens_recorded_packets(tmp_path: Path) -> None:
-    path = tmp_path / "can.log"
-    path.write_text("".join(candump_line(message) for message in MESSAGES))
-    rows = tshark.fields(path, ["frame.time_epoch", "can.id"])
-    assert [int(row["can.id"], 0) for row in rows[:4]] == [0x181, 0x7FF, 0x12345678, 0x701]
-    assert rows[0]["frame.time_epoch"].startswith("1700000000.000001")

@@ -29,8 +29,8 @@ from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.frames.engine import Decoder
 from pdgw.tools.decoder.frames.records import CyclicRecord
 from pdgw.tools.demo.namespaces import ADDRESS_HERE, HERE, THERE, VethPair
-from pdgw.tools.recording.recorder import EthernetCapture
 from tests.long.bench.exchange import cpu_ns
+from tests.support.readers.ethernet_capture import EthernetCapture
 
 TITLES = ("cycle", "", "p50", "p99", "max", "frames", "of a core")
 STATION: Final = "press-1"

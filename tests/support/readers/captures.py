@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from pathlib import Path
 from uuid import UUID
 
 import can
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
+from scapy.utils import RawPcapNgReader
 
 from pdgw.durations import MS
 from pdgw.profidrive.frame import CYCLIC_PORT
@@ -97,6 +99,12 @@ CANOPEN: tuple[tuple[int, bytes], ...] = tuple(
     )
 )
 """One of each service: NMT, boot-up, heartbeat, SYNC, SDO upload and download, abort, EMCY, PDOs."""
+
+
+def can_frames(path: Path) -> list[tuple[int, bytes]]:
+    """COB-ID and data of the CAN frames in a pcapng file, as scapy reads it."""
+    packets = (data for data, about in RawPcapNgReader(str(path)) if about.linktype == SOCKETCAN)
+    return [(int.from_bytes(data[:4], "big"), data[8 : 8 + data[4]]) for data in packets]
 
 
 def socketcan_packet(cob_id: int, data: bytes) -> bytes:

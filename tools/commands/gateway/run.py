@@ -8,7 +8,6 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
@@ -23,14 +22,8 @@ from pdgw.tools.service.log_format import LogFormat, LogLevel
 if TYPE_CHECKING:
     from pdgw.explain import Problem
     from pdgw.gateway.configuration.config import GatewayConfig
-    from pdgw.gateway.configuration.environment import CanConfig
 
 log = logging.getLogger("gateway")
-
-
-def _log_name(bus: CanConfig) -> str:
-    """Name of a bus in the log: its channel if that is a plain name like can0, else its own name."""
-    return bus.channel if isinstance(bus.channel, str) and bus.channel.isidentifier() else bus.name
 
 
 def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayConfig:
@@ -90,7 +83,6 @@ def run(
         typer.Option(help="Cycles without a frame until the PLC is lost; 250 with --simulate."),
     ] = None,
     status_port: Annotated[int | None, typer.Option(help="Loopback TCP port of `pdgw status`, 0 for none.")] = None,
-    can_log: Annotated[Path | None, typer.Option(help="Record all CAN frames here (candump format).")] = None,
     record: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Record both buses and the configuration here, for `pdgw timeline`."),
@@ -117,7 +109,7 @@ def run(
     from pdgw.gateway.service.build import beyond_measured, build_text
     from pdgw.gateway.trace.place import run_directory
     from pdgw.tools.service.child_processes import device_processes, page_process, trace_keeper
-    from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
+    from pdgw.tools.service.run_log import RunLog, on_signals
 
     if simulate == (config is not None):
         raise GatewayError("give either a configuration file or --simulate")
@@ -153,19 +145,12 @@ def run(
         if beyond := beyond_measured(len(chosen.axis), chosen.transport.cycle_time_ms):
             log.warning("%s", beyond)
         log.log(scheduling[0], "%s", scheduling[1])
-        recorder = CanRecorder(can_log) if can_log is not None else None
-        if recorder is not None:
-            at_end.callback(recorder.stop)
         if record is not None and chosen.trace.directory is None and run_directory() is None:
             chosen = chosen.model_copy(update={"trace": chosen.trace.model_copy(update={"directory": record})})
         chosen = at_end.enter_context(device_processes(chosen))
         daemon = build_gateway(chosen, name="simulated" if config is None else config.stem)
         at_end.callback(daemon.release)
         run_log.count_in(daemon.loop.counters)
-        if recorder is not None:
-            recorder.writer.count_in(daemon.loop.counters, "can-log")
-            for bus in chosen.can:
-                daemon.networks[bus.name].listeners.append(partial(recorder.record, _log_name(bus)))
         if record is not None:
             from pdgw.tools.recording.recorder import Recording
 

@@ -67,7 +67,7 @@ def demo(
     out: Annotated[
         Path,
         typer.Option(
-            help="Each chapter's report.json, plc.pcap, can.log, trace.png and trace.html go into its folder here."
+            help="Each chapter's report.json, recording (gateway), trace.png and trace.html go into its folder here."
         ),
     ] = Path("demo-out"),
     profinet: Annotated[

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 MAX_LINE: Final = 1024
 _SHOWN: Final = 40
 """Bytes of a bad line in its message."""
-_US_PER_SECOND: Final = SECOND // US
 _LOG = re.compile(rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#([0-9A-Fa-f]*)(?: +[RT])?\s*\Z")
 _BEGIN: Final = rb"(?<![^\s>|:])"
 """A frame begins a line or follows a blank, a quotation mark or a line number."""
@@ -161,19 +160,6 @@ def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, byt
     if b":" in (seconds or b""):
         seconds = _date(seconds, line, offset, name)
     return seconds or b"0", fraction or b"0", channel, _frame(identifier, data, bool(remote))
-
-
-def candump_line(message: can.Message) -> str:
-    """A frame as ``candump -L`` writes it: ``(seconds.microseconds) channel id#data`` and nothing after it.
-
-    python-can's own writer adds R or T for the direction, which Wireshark 4.0 does not read.
-    """
-    microseconds = round(message.timestamp * _US_PER_SECOND)
-    head = f"({microseconds // _US_PER_SECOND}.{microseconds % _US_PER_SECOND:06d}) {message.channel or 'can'} "
-    if message.is_error_frame:
-        return f"{head}{ERROR | message.arbitration_id:08X}#0000000000000000\n"
-    identifier = f"{message.arbitration_id:0{_EXTENDED_DIGITS if message.is_extended_id else 3}X}"
-    return f"{head}{identifier}#{f'R{message.dlc}' if message.is_remote_frame else message.data.hex().upper()}\n"
 
 
 def message_packet(number: int, message: can.Message) -> CanPacket:

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Final, Protocol
+from typing import Final, Protocol
 
 from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
@@ -27,34 +27,11 @@ class CaptureError(GatewayError):
         super().__init__(f"{source}: {where}{what}")
 
 
-# Writing pcapng files of both buses, and the configuration in a file.
-#
-# Source: draft-ietf-opsawg-pcapng (section header with opt_comment, interface descriptions with if_name and if_tsresol,
-# enhanced packets). Reading packets is ``pcap``'s business.
+# The configuration in a pcapng file.
 
 
 _HEAD_MAX: Final = 2 << 16
 """Bytes that contain a section header."""
-
-
-class PcapngWriter:
-    """Interfaces are added as they are met; times are nanoseconds. Raises OSError as the file does."""
-
-    def __init__(self, path: Path, configuration: str = "") -> None:
-        self._file: BinaryIO = path.open("wb", buffering=1 << 16)
-        self._interfaces: dict[tuple[int, str], int] = {}
-        self._file.write(pcapng.section_header(configuration))
-
-    def write(self, link: LinkType, name: str, time_ns: int, data: bytes) -> None:
-        """One packet of an interface."""
-        number = self._interfaces.get((link, name))
-        if number is None:
-            number = self._interfaces[link, name] = len(self._interfaces)
-            self._file.write(pcapng.interface(link, name))
-        self._file.write(pcapng.packet(number, time_ns, data))
-
-    def close(self) -> None:
-        self._file.close()
 
 
 def configuration_in(path: Path) -> str:
