@@ -23,9 +23,10 @@ from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
 
-_DATAGRAMS_AT_ONCE: Final = 64
+AT_ONCE: Final = 64
+"""Frames of one reading, so that a flood delays no cycle."""
 _WAITED_AT_MOST: Final = 10_000
-"""More than a socket buffer: a flood must not delay the start."""
+"""More than a socket buffer: a flood must not delay the gateway."""
 _ACCEPTED: Final = Verdict.ACCEPTED
 _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
 
@@ -39,6 +40,14 @@ def is_punctual(since_ns: int, cycle_ns: int) -> bool:
     """The time since the frame before is about a cycle: no other frame waits then, and to look for one costs a system call."""
     half = cycle_ns >> 1
     return half < since_ns < cycle_ns + half
+
+
+def discard_waiting(receive: Callable[[], object]) -> bool:
+    """Receive and drop what waits; whether there was anything."""
+    for number in range(_WAITED_AT_MOST):
+        if receive() is None:
+            return number > 0
+    return True
 
 
 class FrameRecorder(Protocol):
@@ -73,7 +82,7 @@ class Link(Protocol):
     def start(self, action: Callable[[], None]) -> None:
         """Call ``action`` in the loop whenever something of the PLC waits."""
 
-    def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
+    def receive(self, now: int, at_most: int = AT_ONCE) -> bool:
         """Process everything that waits, or this number of items; True if valid data of the PLC was among them."""
 
     @property
@@ -198,15 +207,12 @@ class UdpLink:
 
     def start(self, action: Callable[[], None]) -> None:
         # Discard frames received since the port was opened: they are old, and would be reported as a loss at the start.
-        for _ in range(_WAITED_AT_MOST):
-            if self.port.receive() is None:
-                break
+        discard_waiting(self.port.receive)
         self.port.start(action, urgent=True)
 
-    def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
+    def receive(self, now: int, at_most: int = AT_ONCE) -> bool:
         endpoint, port = self.endpoint, self.port
         taken = 0
-        # Limited, so that a flood of datagrams delays no cycle.
         for _ in range(at_most):
             datagram = port.receive()
             if datagram is None:

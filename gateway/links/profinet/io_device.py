@@ -20,7 +20,7 @@ from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
-from pdgw.gateway.links.link import FrameRecorder, is_punctual, silence
+from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, discard_waiting, is_punctual, silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
@@ -43,9 +43,6 @@ from pdgw.profinet.station import Station
 
 log = logging.getLogger("gateway")
 
-_AT_ONCE = 64
-_WAITED_AT_MOST: Final = 10_000
-"""More than a socket buffer: a flood must not delay the cycle."""
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
 _DIAGNOSIS_NS: Final = 50 * MS
@@ -207,11 +204,12 @@ class ProfinetLink:
         self._on_watch()
         self._pump()
 
-    def receive(self, now: int, at_most: int = _AT_ONCE) -> bool:
+    def receive(self, now: int, at_most: int = AT_ONCE) -> bool:
         device = self.device
         held_up, self._read_at = now - self._read_at > self._held_up_ns, now
-        if held_up:
-            self._discard_waiting()
+        if held_up and discard_waiting(self.port.receive):
+            # Frames that waited for an unknown time are not a sign of life, and their orders may be old.
+            self._report_loss(_HELD_UP)
         fresh = False
         for _ in range(at_most):
             frame = self.port.receive()
@@ -230,16 +228,6 @@ class ProfinetLink:
         if fresh:
             self._read_setpoints(now)
         return fresh
-
-    def _discard_waiting(self) -> None:
-        """Frames that waited for an unknown time are not a sign of life, and their orders may be old."""
-        waited = False
-        for _ in range(_WAITED_AT_MOST):
-            if self.port.receive() is None:
-                break
-            waited = True
-        if waited:
-            self._report_loss(_HELD_UP)
 
     def _is_changed(self) -> bool:
         """Whether orders of the newest frame differ from those of the frame before it, or its relationship is new."""
@@ -427,7 +415,7 @@ class ProfinetLink:
     def _on_other(self) -> None:
         """DCP, LLDP and RPC: bounded in each turn, so that a flood of them delays no cycle."""
         now = self._loop.now()
-        for _ in range(_AT_ONCE // 4):
+        for _ in range(AT_ONCE // 4):
             frame = self.port.receive_other()
             datagram = self.port.receive_datagram()
             if frame is None and datagram is None:
