@@ -89,7 +89,9 @@ def test_each_refusal_is_explained_with_the_gateways_text(reason: Reason, tmp_pa
     assert reason.value in "\n".join(entry_lines(edge, found.opening.begin_ns))
     document = edge.document()
     assert (document["outcome"], document["outcome_text"]) == (reason.name, reason.value)
-    assert found.summary.refusals[reason] >= 1
+    is_effect = reason in {Reason.COAST_STOP, Reason.QUICK_STOP}
+    assert bool(found.summary.refusals[reason]) is not is_effect
+    assert Reason.SWITCHED_OFF not in found.summary.refusals, "an OFF that works is no refusal"
 
 
 def test_a_start_is_executed_and_a_fault_has_its_own_line(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.reasons import AxisState, Reason
 from pdgw.tools.decoder.frames.fields import Document, Field
 from pdgw.tools.decoder.frames.records import CyclicRecord, Record
 
@@ -38,6 +38,9 @@ class WordKind(enum.Enum):
         return self in {WordKind.CONTROLWORD, WordKind.STATUSWORD}
 
 
+_ON: Final = 0b111
+"""Bits of a control word without which it commands a stop or OFF."""
+_OFF: Final = {AxisState.OFF, AxisState.STOPPING}
 _RESOLUTION: Final = -3
 """Decimal place to which latencies are rounded: 1 us."""
 
@@ -80,6 +83,11 @@ class Edge:
     @property
     def latency_ns(self) -> int | None:
         return None if self.cause is None else self.time_ns - self.cause.time_ns
+
+    @property
+    def refused(self) -> bool:
+        """Whether the command had no effect. The reason of a drive that an OFF has stopped is its effect."""
+        return self.outcome is not None and (self.outcome.state not in _OFF or self.after & _ON == _ON)
 
     @property
     def bits(self) -> tuple[list[str], list[str]]:
@@ -209,7 +217,7 @@ class Summary:
         self.anomalies: Counter[AnomalyKind] = Counter()
         """Number of anomalies of each kind."""
         self.refusals: Counter[Reason] = Counter()
-        """Number of edges with each reason."""
+        """Number of commands without effect by their reason."""
         self.latencies: dict[str, Latency] = {}
         """Of each hop, and from the PLC's edge to the first answer in ZSW1."""
 
@@ -221,7 +229,7 @@ class Summary:
         elif isinstance(entry, Anomaly):
             self.anomalies[entry.kind] += 1
         elif isinstance(entry, Edge):
-            if entry.outcome is not None:
+            if entry.outcome is not None and entry.refused:
                 self.refusals[entry.outcome] += 1
             if entry.cause is not None:
                 self._measure(f"{entry.cause.kind.value} -> {entry.kind.value}", entry, entry.cause)
