@@ -105,7 +105,7 @@ def test_a_storm_of_emcy_is_limited_and_counted() -> None:
             written += bundle.take(fault("other drive", 1.5, do=2))
             written += bundle.take(fault("other fault", 1.5, number=106))
     written += bundle.due(5)
-    assert len(written) <= AT_ONCE + 2 * 3 + 2
+    assert len(written) <= AT_ONCE + 4
     assert {"other drive", "other fault"} <= set(texts(written))
     written += bundle.due(14)
     assert "EMCY 5999" in texts(written)[-1]
@@ -114,6 +114,17 @@ def test_a_storm_of_emcy_is_limited_and_counted() -> None:
     assert counted + sum("omitted" not in text for text in storm) == 6000
     assert bundle.flush() == bundle.due(60) == []
     assert texts(bundle.take(fault("later", 100))) == ["later"]
+
+
+def test_reason_that_toggles_for_an_hour_is_a_line_and_a_count_every_ten_seconds() -> None:
+    bundle = Bundle()
+    written = []
+    for second in range(3600):
+        made = record(f"axis 1: {'Waits' if second % 2 else 'In operation'}, since {second}", second)
+        made.__dict__.update(event="reason", do=1)
+        written += bundle.take(made)
+    assert texts(written)[:AT_ONCE] == [text for text in texts(written)[:AT_ONCE] if "omitted" not in text]
+    assert len(written) <= AT_ONCE + 2 * 360
 
 
 @pytest.mark.parametrize("step_s", [-86_400, 86_400])
@@ -135,7 +146,7 @@ def test_a_storm_of_lines_without_an_event_is_limited_by_its_place_in_the_code()
     other = record("another place")
     other.lineno += 1
     assert texts(bundle.take(other)) == ["another place"]
-    assert texts(bundle.flush()) == ["950 similar lines omitted, the last: line 999"]
+    assert texts(bundle.flush()) == [f"{1000 - AT_ONCE} similar lines omitted, the last: line 999"]
 
 
 def test_repetitions_at_the_end_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,9 +15,9 @@ _SYSLOG = ((logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 _SYSLOG_DEBUG = 7
 _FLUSH_S = 10.0
 """Repeats of a line are reported after this time, in seconds."""
-AT_ONCE = 50
+AT_ONCE = 20
 """Lines of one kind about one object that are written before they are limited."""
-_PER_SECOND = 1.0
+_PER_SECOND = 0.1
 """Lines per second of one kind that are written then."""
 
 
