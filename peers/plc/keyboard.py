@@ -108,7 +108,7 @@ _ENTER: Final = ("\r", "\n")
 _BACKSPACE: Final = ("\x7f", "\b")
 _ESCAPE: Final = "\x1b"
 _FULL: Final = 100
-_GIVEN_UP_BY_STOPS: Final = {"enable", "follow"}
+_ABORTED_BY_STOPS: Final = {"enable", "follow"}
 _REPORTED: Final = frozenset({"follow", "expect"})
 """Their results are reported after a success as well."""
 _OF_SCENARIOS: Final = frozenset({"read", "write", "mute", "drive"})
@@ -311,7 +311,7 @@ class Keyboard:
             pending.append(_Job(text, make))
             return
         for other in pending:
-            if other.engine is not None and other.engine.scenario.steps[0].action in _GIVEN_UP_BY_STOPS:
+            if other.engine is not None and other.engine.scenario.steps[0].action in _ABORTED_BY_STOPS:
                 other.engine.abort()
         pending[:] = [other for other in pending if other.engine is not None and not other.engine.finished]
         self._engine(axis, action).step(now)

@@ -134,7 +134,7 @@ def test_messages_of_the_plc_are_shown(
     def run(demo: Demo) -> Outcome:
         for document in (
             {"note": "start-up", "time_s": 0.5},
-            {"told": "no datagram from a gateway"},
+            {"message": "no datagram from a gateway"},
             {"result": {"passed": True}},
         ):
             demo.show(document)

@@ -304,7 +304,7 @@ def test_small_terminal_shows_messages_and_reasons() -> None:
     desk = Desk(111)
     window.take({"snapshot": snapshot(desk.plc, "keys\n" * 7)})
     for number in range(9):
-        window.take({"told": f"told {number}"})
+        window.take({"message": f"told {number}"})
     window.reasons = ["PLC lost"]
     console = Console(file=io.StringIO(), width=80, record=True)
     console.print(window.drawing())

@@ -52,7 +52,7 @@ _CREEP = Fraction(1, 4)
 """Part of the requested speed that is tested first, so that a fault shows at low speed."""
 _SHORTEST_NS = 500 * MS
 """Shortest measurement. The uncertainty of an SDO, some milliseconds, is small in comparison."""
-_SETTLED = Fraction(10, 100)
+_STEADY = Fraction(10, 100)
 _STILL = Fraction(25, 10_000)
 """Speeds below this part of 100 % count as standstill."""
 TURNS = "the number of turns"
@@ -363,7 +363,7 @@ class AxisTest:
             raise AxisTestError(
                 f"60FFh cannot be {float(wanted):g}: the speed is below one unit, choose a higher --percent"
             )
-        near = max(Fraction(2), abs(target) * _SETTLED)
+        near = max(Fraction(2), abs(target) * _STEADY)
         return bool(target) and abs(target - wanted) <= 1 and abs(velocity - target) <= near
 
     def _at_standstill(self) -> bool:
@@ -452,10 +452,10 @@ class AxisTest:
     def _why(self) -> str:
         """The reason and last faults as the gateway and the drive report them."""
         axis = self._axis
-        told = [record.text for record in tuple(axis.faults)[-2:]]
+        faults = [record.text for record in tuple(axis.faults)[-2:]]
         velocity = axis.drive.feedback.velocity_actual
         reason = axis.reason.value if axis.reason else f"60FFh {axis.outputs.command.target_velocity}, 606Ch {velocity}"
-        return "; ".join((reason, *told))
+        return "; ".join((reason, *faults))
 
     # -- the result -----------------------------------------------------------------------------------------------------
 

@@ -126,11 +126,11 @@ class Budget:
     def due(self, now: float) -> list[logging.LogRecord]:
         """The counts that are due."""
         waiting = [kind for kind in self._kinds.values() if kind.count]
-        return [told for kind in waiting if _waited(kind.dropped[0].created, now) for told in _left_out(kind)]
+        return [item for kind in waiting if _waited(kind.dropped[0].created, now) for item in _left_out(kind)]
 
     def flush(self) -> list[logging.LogRecord]:
         """All counts that are not reported yet."""
-        return [told for kind in self._kinds.values() for told in _left_out(kind)]
+        return [item for kind in self._kinds.values() for item in _left_out(kind)]
 
 
 def _left_out(kind: _Kind) -> list[logging.LogRecord]:
@@ -163,9 +163,9 @@ class Bundle:
             self._count += 1
             self._last = record
             return self.due(record.created)
-        told = self._repeated()
+        repeated = self._repeated()
         self._last = record
-        return [*told, *self._budget.due(record.created), *self._budget.take(record)]
+        return [*repeated, *self._budget.due(record.created), *self._budget.take(record)]
 
     def due(self, now: float) -> list[logging.LogRecord]:
         """The reports that are due; ``now`` as ``time.time``."""
@@ -182,5 +182,4 @@ class Bundle:
             return []
         self._count = 0
         times = "once" if count == 1 else f"{count} times"
-        told = logging.makeLogRecord(last.__dict__ | {"msg": f"{last.getMessage()} ({times} more)", "args": None})
-        return [told]
+        return [logging.makeLogRecord(last.__dict__ | {"msg": f"{last.getMessage()} ({times} more)", "args": None})]

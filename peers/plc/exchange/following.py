@@ -41,8 +41,8 @@ def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:
 
 def line_of(document: Mapping[str, Any]) -> str:
     """A document of the progress as a line for a person; empty if it needs none."""
-    if "told" in document:
-        return str(document["told"])
+    if "message" in document:
+        return str(document["message"])
     if "note" in document:
         return f"{document['time_s']:7.3f} s  {document['note']}"
     result = document.get("result", {"passed": True})

@@ -45,7 +45,7 @@ class _StepPrinter:
             text, passed, failed = self.lines[-1] if self.lines else ("", 0, 0)
             good = document["result"]["passed"]
             self.lines[-1:] = [(text, passed + good, failed + (not good))]
-        if self.live is not None and "told" not in document:  # a message, for example: no gateway answers yet
+        if self.live is not None and "message" not in document:  # a message, for example: no gateway answers yet
             self.live.update(self.table())
         elif line := line_of(document):
             self.console.print(line, highlight=False)

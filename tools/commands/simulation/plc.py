@@ -266,7 +266,7 @@ class Output:
 
     def message(self, text: str) -> None:
         """Print a message for the user."""
-        self._print({"told": text})
+        self._print({"message": text})
 
     def _print(self, document: dict[str, Any]) -> None:
         from pdgw.peers.plc.exchange.following import line_of
@@ -274,7 +274,7 @@ class Output:
         if self.as_lines:
             print(json.dumps(document), flush=True)
         elif line := line_of(document):
-            print(line, file=sys.stderr if "told" in document else sys.stdout, flush=True)
+            print(line, file=sys.stderr if "message" in document else sys.stdout, flush=True)
 
 
 def _run_keys(client: PlcRunner, endpoint: PlcEndpoint, output: Output) -> None:
