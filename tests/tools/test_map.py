@@ -18,8 +18,8 @@ from pdgw.profidrive.frame import IOPS_GOOD, TICK
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.commissioning.map import Format, map_
 from pdgw.tools.plc.code import siemens_scl, structured_text
-from pdgw.tools.plc.frames import identifier
-from pdgw.tools.plc.udp import LOST_AFTER
+from pdgw.tools.plc.frame_fields import identifier
+from pdgw.tools.plc.sockets import LOST_AFTER
 from tests.support.structured_text.compiler import Compiler
 
 CONFIG = """

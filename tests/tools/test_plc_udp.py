@@ -13,7 +13,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.world.udp import Conditions
 from pdgw.tools.plc.code import structured_text
-from pdgw.tools.plc.udp import Sockets
+from pdgw.tools.plc.sockets import Sockets
 from tests.support.gateways.daemon import axis, drive_of, running, world_of
 from tests.support.plc.structured_text import TextPlc, program
 

@@ -23,7 +23,7 @@ from pdgw.tools.web.server.guard import HEADERS
 from pdgw.tools.web.server.server import CONNECTIONS_MAX
 from pdgw.tools.web.status.events import KEPT, EventLog
 from pdgw.tools.web.stream import STREAMS_MAX
-from pdgw.tools.web.trace import usual
+from pdgw.tools.web.trend import usual
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, events_of, page, until

@@ -12,10 +12,10 @@ from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram, telegram
-from pdgw.tools.plc.frames import block, comment, profinet_block, profinet_variables, type_code
+from pdgw.tools.plc.frame_fields import block, comment, profinet_block, profinet_variables, type_code
 from pdgw.tools.plc.library import axis_block, plain, telegram_block, template
 from pdgw.tools.plc.plcopen import scl
-from pdgw.tools.plc.udp import Sockets, udp_block
+from pdgw.tools.plc.sockets import Sockets, udp_block
 
 # The complete file for a PLC: types, frames and the blocks of every telegram of a configuration, in one of two languages.
 

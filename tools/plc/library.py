@@ -24,7 +24,7 @@ from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram, TelegramHalf
 from pdgw.profidrive.words import Bit
-from pdgw.tools.plc.frames import type_of
+from pdgw.tools.plc.frame_fields import type_of
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _FULL = {DataType.N2: N2_100_PERCENT, DataType.N4: N4_100_PERCENT}

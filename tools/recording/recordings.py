@@ -33,7 +33,7 @@ from pdgw.tools.decoder.export.trace_page import TracePage
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord
 from pdgw.tools.decoder.frames.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
 from pdgw.tools.decoder.frames.records import BusKind, CyclicRecord, Record
-from pdgw.tools.decoder.replay import Replayed, replay
+from pdgw.tools.decoder.step_replay import Replayed, replay
 from pdgw.tools.decoder.timeline.builder import HOLD_NS, TimelineBuilder
 from pdgw.tools.decoder.timeline.clocks import ONE_CLOCK, Clocks, correlate
 from pdgw.tools.decoder.timeline.entries import Edge, Entry

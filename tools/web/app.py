@@ -32,7 +32,7 @@ from pdgw.tools.web.server.server import Places
 from pdgw.tools.web.status.watch import Watch
 from pdgw.tools.web.stream import EventStream, Streams
 from pdgw.tools.web.support import RequestError, about_document, support_archive
-from pdgw.tools.web.trace import BINS_MAX, SECONDS_MAX, Traces, csv_text
+from pdgw.tools.web.trend import BINS_MAX, SECONDS_MAX, Traces, csv_text
 
 STATIC = Path(__file__).parent / "static"
 READS_PER_S = 5

@@ -14,7 +14,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.peers.drive import shape
-from pdgw.tools.decoder.replay import Replayed
+from pdgw.tools.decoder.step_replay import Replayed
 from pdgw.tools.recording.recordings import replayed
 from pdgw.tools.recording.trace_keeper import save
 from tests.decoder.replay.runs import RUNS, kept, run, speeds

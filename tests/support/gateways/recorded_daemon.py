@@ -10,7 +10,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.tools.decoder.replay import Difference, Replayed
+from pdgw.tools.decoder.step_replay import Difference, Replayed
 from pdgw.tools.recording.recordings import replayed
 from pdgw.tools.recording.trace_keeper import save
 from tests.support.gateways.daemon import Plc, running

@@ -14,7 +14,7 @@ from pdgw.durations import SECOND
 from pdgw.phrases import counted
 
 if TYPE_CHECKING:
-    from pdgw.tools.decoder.replay import Replayed
+    from pdgw.tools.decoder.step_replay import Replayed
 
 
 def replay(

@@ -82,7 +82,7 @@ def map_(
     from pdgw.tools.output.data_sheets import write_gsdml
     from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
     from pdgw.tools.plc.plcopen import plcopen_xml
-    from pdgw.tools.plc.udp import Sockets
+    from pdgw.tools.plc.sockets import Sockets
 
     if config is None:
         if gsdml is None:

@@ -17,7 +17,7 @@ from pdgw.profidrive.frame import (
     STATUS_NORMAL,
     TICK,
 )
-from pdgw.tools.plc.frames import code_names, identifier, type_of
+from pdgw.tools.plc.frame_fields import code_names, identifier, type_of
 from pdgw.tools.plc.library import plain
 
 _BITS = {1: "BYTE", 2: "WORD", 4: "DWORD", 8: "LWORD"}
