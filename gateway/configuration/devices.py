@@ -182,17 +182,7 @@ class BlockConfig(BaseModel):
 
     def block(self) -> Block:
         """For the positioner."""
-        return Block(
-            self.number,
-            self.position,
-            self.velocity,
-            self.acceleration,
-            self.deceleration,
-            self.mode,
-            self.task,
-            self.next,
-            self.value,
-        )
+        return Block(**dict(self))
 
 
 class PositionerConfig(BaseModel):
@@ -248,22 +238,12 @@ class PositionerConfig(BaseModel):
         table = tuple(item.block() for item in blocks)
         BlockTable(table)
         return PositionerChoices(
-            self.lu_per_revolution,
-            self.max_velocity,
-            self.max_acceleration,
-            self.max_deceleration,
-            self.position_window,
-            self.jog_velocities,
-            self.jog_distances,
-            self.software_limits,
-            self.reference_coordinate,
-            self.homing_method,
-            self.set_of_setpoints,
-            table,
-            self.clamping_torque,
-            self.modulo_range,
-            self.lu_per_unit or 0,
-            self.velocity_per == "second",
+            **self.model_dump(exclude={"set_of_setpoints", "modulo_range", "lu_per_unit", "velocity_per"}),
+            waiting_setpoints=self.set_of_setpoints,
+            blocks=table,
+            modulo=self.modulo_range,
+            lu_per_unit=self.lu_per_unit or 0,
+            units_per_second=self.velocity_per == "second",
         )
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +16,7 @@ from pdgw.explain import misplaced, problems
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig, as_list
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.environment import CanConfig, Integer, Port
-from pdgw.gateway.configuration.toml_file import parse_toml, read_text
+from pdgw.gateway.configuration.toml_file import parse_toml, read_text, toml_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import ENGEL, SHAPES
 from pdgw.peers.drive.model.latency import LATENCY_MAX_MS
@@ -274,12 +273,5 @@ def add_device(simulation: Simulation, device: DeviceConfig, bus: can.BusABC | C
 
 def bus_file(bus: CanConfig, devices: Sequence[DeviceConfig]) -> str:
     """The file for ``pdgw sim bus``: the devices without faults, on this bus."""
-    tables = [("[can]", bus.model_dump(exclude_none=True, exclude={"name"}))]
-    tables += [
-        ("[[device]]", device.model_dump(mode="json", exclude_none=True, exclude={"fault"})) for device in devices
-    ]
-    # A number, a text or a list of texts has the same notation in JSON and TOML.
-    return "\n".join(
-        "\n".join([head, *(f"{key} = {json.dumps(value)}" for key, value in table.items()), ""])
-        for head, table in tables
-    )
+    tables = [device.model_dump(mode="json", exclude_none=True, exclude={"fault"}) for device in devices]
+    return toml_text({"can": bus.model_dump(exclude_none=True, exclude={"name"}), "device": tables})

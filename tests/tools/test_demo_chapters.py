@@ -24,7 +24,7 @@ from tests.support.gateways.daemon import Plc, drive_of, running
 from tests.support.gateways.recorded_daemon import differences, recorded, replay_of
 
 CAN = {"interface": "virtual", "channel": "world"}
-FREE_PORTS = "cyclic_port = 0\nacyclic_port = 0\n"
+FREE_PORTS = {"cyclic_port": 0, "acyclic_port": 0}
 
 
 def test_a_demo_without_matplotlib_has_no_picture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -5,13 +5,13 @@ A new chapter is an entry of ``CHAPTERS`` and a scenario file.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from pdgw.gateway.configuration.defaults import SIMULATED_BLOCKS, SIMULATED_KEYS
+from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.peers.option_values import ENGEL, SYNCHRONOUS
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 
@@ -73,21 +73,19 @@ class Chapter:
     like: str = ENGEL
     blocks: Sequence[Mapping[str, Any]] = field(default=())
 
-    def gateway(self, can: Mapping[str, Any], transport: str, *, simulate: bool = False) -> str:
+    def gateway(self, can: Mapping[str, Any], transport: Mapping[str, Any], *, simulate: bool = False) -> str:
         """The gateway's configuration. Its timeouts tolerate pauses of a busy machine."""
-        parts = [f"[can]\n{_keys(can)}[transport]\n{transport}status_port = 0\ncycle_time_ms = {self.cycle_ms}"]
-        parts.append(f"watchdog_factor = {_PATIENT_CYCLES}\n")
-        beside = {"simulate": True} if simulate else {}
-        for number, keys in enumerate(self.axes, 1):
-            tables = {key: value for key, value in keys.items() if isinstance(value, dict)}
-            flat = {"do_id": number, "node_id": number, **_times(_TPDO_MS), **keys, **beside}
-            parts.append("[[axis]]\n" + _keys({key: value for key, value in flat.items() if key not in tables}))
-            parts += [f"[axis.{key}]\n{_keys(value)}" for key, value in tables.items()]
-            parts += [f"[[axis.block]]\n{_keys(block)}" for block in self.blocks]
-        for number, telegram in enumerate(self.encoders, len(self.axes) + 1):
-            keys = {"do_id": number, "node_id": number, "telegram": telegram, **_times(_ENCODER_MS)}
-            parts.append("[[encoder]]\n" + _keys({**keys, **beside}))
-        return "\n".join(parts)
+        times = {"status_port": 0, "cycle_time_ms": self.cycle_ms, "watchdog_factor": _PATIENT_CYCLES}
+        more = {"simulate": simulate, "block": self.blocks}
+        axes = [
+            {"do_id": number, "node_id": number, **_times(_TPDO_MS), **keys, **more}
+            for number, keys in enumerate(self.axes, 1)
+        ]
+        encoders = [
+            {"do_id": number, "node_id": number, "telegram": telegram, **_times(_ENCODER_MS), "simulate": simulate}
+            for number, telegram in enumerate(self.encoders, len(axes) + 1)
+        ]
+        return toml_text({"can": can, "transport": {**transport, **times}, "axis": axes, "encoder": encoders})
 
     def devices(self, can: Mapping[str, Any], control_port: int) -> str:
         """The description of the devices for ``pdgw sim bus``."""
@@ -95,17 +93,11 @@ class Chapter:
         found = [{"node_id": number, **drive} for number in range(1, len(self.axes) + 1)]
         first = len(self.axes) + 1
         found += [{"node_id": first + n, "type": "encoder", "motion": "shaft=1"} for n in range(len(self.encoders))]
-        tables = "\n".join(f"[[device]]\n{_keys(device)}" for device in found)
-        return f"[can]\n{_keys(can)}[control]\nport = {control_port}\n\n{tables}"
+        return toml_text({"can": can, "control": {"port": control_port}, "device": found})
 
 
 def _times(tpdo_ms: int) -> dict[str, int]:
     return {"heartbeat_ms": _HEARTBEAT_MS, "sdo_timeout_ms": _SDO_MS, "tpdo_event_ms": tpdo_ms}
-
-
-def _keys(table: Mapping[str, Any]) -> str:
-    """Format lines of TOML. Numbers, strings, booleans and lists of them are written as in JSON."""
-    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items()) + "\n"
 
 
 def _wide(position: int) -> int:

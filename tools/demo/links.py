@@ -6,7 +6,9 @@ import contextlib
 import secrets
 import socket
 import threading
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
 from pdgw.tools.demo.namespaces import ADDRESS_HERE, HERE, THERE, VethPair, forward
@@ -39,8 +41,8 @@ class DemoLink(Protocol):
         """The file with the frames of the link."""
 
     @property
-    def transport(self) -> str:
-        """Lines of the gateway's ``[transport]`` section."""
+    def transport(self) -> Mapping[str, int | str]:
+        """Keys of the gateway's ``[transport]`` section."""
 
     def open(self, control_port: int) -> None:
         """Create what the processes need. ``control_port``: the devices' port on loopback."""
@@ -65,8 +67,8 @@ class OnLoopback:
         self._control = 0
 
     @property
-    def transport(self) -> str:
-        return f"cyclic_port = {self._cyclic}\nacyclic_port = {self._acyclic}\n"
+    def transport(self) -> Mapping[str, int | str]:
+        return {"cyclic_port": self._cyclic, "acyclic_port": self._acyclic}
 
     def open(self, control_port: int) -> None:
         self._control = control_port
@@ -88,7 +90,9 @@ class OnEthernet:
     """PROFINET: the PLC is in a network namespace of its own."""
 
     capture = f"{RECORD}/{CAPTURE}"
-    transport = f'type = "profinet"\ninterface = "{HERE}"\nstation_name = "{STATION}"\n'
+    transport: Mapping[str, int | str] = MappingProxyType(
+        {"type": "profinet", "interface": HERE, "station_name": STATION}
+    )
 
     def __init__(self) -> None:
         self._made = contextlib.ExitStack()
