@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -173,6 +174,11 @@ def _declared(container: type) -> dict[str, int]:
     return {name: value for name, value in vars(container).items() if name.isupper()}
 
 
+def name_in(kind: type[enum.Enum], value: object, other: str = "") -> str:
+    """The name of a value in words; ``other`` for one that the enum does not have."""
+    return kind(value).name.lower().replace("_", " ") if value in set(kind) else other
+
+
 _Words = dict[str, tuple[tuple[Bit, ...], Callable[[int], str]]]
 
 
@@ -187,7 +193,7 @@ def _words(families: tuple[str, ...]) -> _Words:
     def mode_word(value: int) -> str:
         low = value & 0xFF
         signed = low - 256 if low > 127 else low
-        return Mode(signed).name.lower().replace("_", " ") if signed in set(Mode) else modes.get(signed, "")
+        return name_in(Mode, signed, modes.get(signed, ""))
 
     return {
         "Controlword": (_flags(control), _command_word),

@@ -24,7 +24,7 @@ from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc import dcerpc, epm, records
 from pdgw.profinet.rpc.dcerpc import RpcHeader
 from pdgw.profinet.rpc.records import Operation
-from pdgw.tools.decoder.frames.fields import BoundedDict, Document, parameter_text
+from pdgw.tools.decoder.frames.fields import BoundedDict, Document, name_in, parameter_text
 from pdgw.tools.decoder.frames.profinet.blocks import IM_INDEXES, documents, named, place_text, read_blocks, status_text
 from pdgw.tools.decoder.frames.profinet.connect import Change, Connection, RelationRecord, StationNames, read_request
 from pdgw.tools.decoder.frames.profinet.cyclic import CyclicDecoder
@@ -366,7 +366,7 @@ def _request_document(request: Request) -> Document:
             "pnu": address.pnu,
             "subindex": address.subindex,
             "elements": address.elements,
-            "attribute": _attribute_name(address.attribute),
+            "attribute": name_in(Attribute, address.attribute, f"{address.attribute:02X}h"),
         }
         if request.values:
             entry |= _values_document(request.values[position])
@@ -381,10 +381,6 @@ def _request_document(request: Request) -> Document:
 
 def _service_name(request_id: RequestId) -> str:
     return "request parameter" if request_id is RequestId.REQUEST else "change parameter"
-
-
-def _attribute_name(attribute: int) -> str:
-    return Attribute(attribute).name.lower() if attribute in set(Attribute) else f"{attribute:02X}h"
 
 
 def _answer_document(request: Request | None, response: Response) -> Document:
@@ -412,8 +408,7 @@ def _parameters(document: Document) -> str:
 
 
 def _operation_name(operation: int) -> str:
-    known = operation in set(records.Operation)
-    return records.Operation(operation).name.lower().replace("_", "-") if known else f"operation-{operation}"
+    return name_in(Operation, operation, f"operation {operation}").replace(" ", "-")
 
 
 def _record_name(index: int) -> str:
@@ -421,7 +416,7 @@ def _record_name(index: int) -> str:
         return f"{index:04X}h ({_PARAMETER_RECORDS[index]})"
     if index in IM_INDEXES:
         return f"{index:04X}h (I&M{index - IM_INDEXES.start})"
-    return f"{index:04X}h ({Index(index).name.lower().replace('_', ' ')})" if index in _INDEXES else f"{index:04X}h"
+    return f"{index:04X}h ({name_in(Index, index)})" if index in _INDEXES else f"{index:04X}h"
 
 
 def _write_document(block: records.RecordBlock) -> Document:
@@ -448,6 +443,4 @@ def _reject(header: dcerpc.RpcHeader, body: bytes) -> tuple[int | None, str]:
         status = dcerpc.decode_status(body, little=header.little_endian)
     except ProfidriveError as error:
         return None, str(error)
-    known = status in set(dcerpc.RejectStatus)
-    text = dcerpc.RejectStatus(status).name.lower().replace("_", " ") if known else "unknown status"
-    return status, f"{text} ({status:08X}h)"
+    return status, f"{name_in(dcerpc.RejectStatus, status, 'unknown status')} ({status:08X}h)"

@@ -35,7 +35,7 @@ from pdgw.profinet.rpc.identification import INDEX as IM_INDEX
 from pdgw.profinet.rpc.identification import TEXT_FIELDS
 from pdgw.profinet.rpc.records import PNIO, PnioStatus
 from pdgw.profinet.wire import HEADER, VERSION_SIZE, Block, Cursor, Structure, WireError
-from pdgw.tools.decoder.frames.fields import Document
+from pdgw.tools.decoder.frames.fields import Document, name_in
 
 Known = TypeVar("Known", bound=Block)
 _MODULES = (alarm, connect_blocks, control, record_blocks, port, io_data)
@@ -175,5 +175,4 @@ def diagnosis_text(entry: ChannelDiagnosis) -> str:
     what = f"channel error {entry.error_type:04X}h{subtype}"
     if entry.error_type in set(MessageClass):
         what = MESSAGE_CLASS_TEXTS[MessageClass(entry.error_type)]
-    happened = Specifier(specifier).name.lower().replace("_", " ") if specifier in set(Specifier) else ""
-    return f"{what} {happened}".rstrip()
+    return f"{what} {name_in(Specifier, specifier)}".rstrip()

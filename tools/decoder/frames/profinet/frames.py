@@ -19,7 +19,7 @@ from pdgw.profinet.discovery.dcp import Option, Service, ServiceType, SetError
 from pdgw.profinet.rpc.records import PnioStatus
 from pdgw.profinet.station import IpSuite
 from pdgw.profinet.wire import HEADER
-from pdgw.tools.decoder.frames.fields import BoundedDict, Document
+from pdgw.tools.decoder.frames.fields import BoundedDict, Document, name_in
 from pdgw.tools.decoder.frames.profinet.blocks import DIAGNOSES, diagnoses, documents, place_text
 from pdgw.tools.decoder.frames.profinet.connect import AlarmRecord, Connection, DcpRecord, LldpRecord, StationNames
 from pdgw.tools.decoder.frames.records import Base, OtherRecord, Record
@@ -80,10 +80,7 @@ class FrameDecoder:
         if len(content) < length:
             raise ProfidriveError("DCPDataLength", length, f"at most {len(content)}")
         request = kind == ServiceType.REQUEST
-        if frame_id == _HELLO:
-            name = "hello"
-        else:
-            name = Service(service).name.lower() if service in set(Service) else f"service {service}"
+        name = "hello" if frame_id == _HELLO else name_in(Service, service, f"service {service}")
         answered = "request" if request else "response" if kind == ServiceType.SUCCESS else "not supported"
         if request and service == Service.GET:
             parts: list[Document] = [_asked(content[at : at + _U16]) for at in range(0, length - 1, _U16)]
@@ -121,7 +118,7 @@ class FrameDecoder:
             raise ProfidriveError("DCPBlockLength", len(content), f"at least {_U16}")
         if option is Option.RESPONSE:
             of, error = (content[0], content[1]), content[2] if len(content) > _U16 else None
-            done = SetError(error).name.lower().replace("_", " ") if error in set(SetError) else f"error {error}"
+            done = name_in(SetError, error, f"error {error}")
             return {"option": label, "of": _label(of), "error": error, "text": f"{_label(of).lower()} {done}"}
         document: Document = {"option": label}
         value = content
@@ -244,7 +241,7 @@ def _block_text(block: Document) -> str:
     if "alarm_type" not in block:
         return str(block.get("name", block.get("error", "")))
     kind = block["alarm_type"]
-    what = AlarmType(kind).name.lower().replace("_", " ") if kind in set(AlarmType) else f"alarm type {kind:04X}h"
+    what = name_in(AlarmType, kind, f"alarm type {kind:04X}h")
     text = f"{what}, {place_text(block['slot'], block['subslot'])}"
     if "status" in block:
         status = PnioStatus.of(block["status"])
@@ -253,8 +250,8 @@ def _block_text(block: Document) -> str:
 
 
 def _abort_text(status: PnioStatus) -> str:
-    known = status.code2 in set(AbortCode) and (status.code, status.decode, status.code1) == _ABORT
-    return (AbortCode(status.code2).name.lower().replace("_", " ") + f" {status.text}") if known else status.text
+    is_abort = (status.code, status.decode, status.code1) == _ABORT
+    return f"{name_in(AbortCode, status.code2) if is_abort else ''} {status.text}".lstrip()
 
 
 _ABORT: Final = (AbortCode.REQUESTED.status.code, AbortCode.REQUESTED.status.decode, AbortCode.REQUESTED.status.code1)
