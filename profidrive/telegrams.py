@@ -352,13 +352,3 @@ def register(own: Telegram) -> None:
 def likeliest(numbers: Iterable[int]) -> int:
     """Select a telegram if only the length is known: best-known layout first, then lowest number."""
     return min(numbers, key=lambda number: (TELEGRAMS[number].confidence, number))
-
-
-def word_positions(half: TelegramHalf) -> tuple[int, ...]:
-    """First word number (counted from 1, as in the standard) of every signal."""
-    positions = []
-    word = 1
-    for item in half.signals:
-        positions.append(word)
-        word += item.words
-    return tuple(positions)

@@ -14,7 +14,8 @@ from pdgw.dsp402.states import STATUS_PATTERNS
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.peers.drive.model.shapes import FAMILY
-from pdgw.profidrive.telegrams import telegram, word_positions
+from pdgw.profidrive.telegrams import telegram
+from tests.support.documents.word_positions import word_positions
 
 PUBLISHED = (Path(__file__).parent / "support/documents/published_tables.md").read_text(encoding="utf-8")
 _INDEX = re.compile(r"\b([0-9A-F]{4})h(?:/(\d))?")

@@ -53,8 +53,6 @@ class Cycle(NamedTuple):
     wall_ns: int
     flags: int
     """``blocks.FRESH`` ..."""
-    response_us: int | None
-    """Time from the PLC's frame to the answer; None without one."""
     received: bytes
     sent: bytes
     steps: tuple[Step, ...]
@@ -143,7 +141,7 @@ class Parser:
         return found
 
     def _cycle(self, content: bytes) -> Cycle | None:
-        number, time_ns, wall, flags, response = pcapng.CYCLE_HEAD.unpack_from(content)
+        number, time_ns, wall, flags, _ = pcapng.CYCLE_HEAD.unpack_from(content)
         self._take_cyclic(flags)
         at = pcapng.CYCLE_HEAD.size
         steps = self._steps
@@ -173,13 +171,11 @@ class Parser:
         known = [step for step in steps if step is not None]
         if len(known) < len(steps):
             return None
-        answered = flags & pcapng.ANSWERED and flags & pcapng.FRESH
         return Cycle(
             number,
             time_ns,
             time_ns + wall,
             flags,
-            response if answered else None,
             self._received,
             self._sent,
             tuple(known),

@@ -68,14 +68,20 @@ class AdjustDomainBoundary(wire.Block):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdjustMulticastBoundary(wire.Block):
-    """End of a multicast domain. A device with one port forwards nothing anyway."""
+class Boundary(wire.Block):
+    """Frames that the port does not forward or send."""
 
-    TYPE: ClassVar[int] = 0x0210
     reserved: None = wire.padding(2)
     boundary: int = wire.u32()
     properties: int = wire.u16()
     pad: None = wire.align()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustMulticastBoundary(Boundary):
+    """End of a multicast domain. A device with one port forwards nothing anyway."""
+
+    TYPE: ClassVar[int] = 0x0210
 
 
 NO_LLDP: Final = 1 << 0
@@ -83,14 +89,10 @@ NO_LLDP: Final = 1 << 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdjustPeerToPeerBoundary(wire.Block):
+class AdjustPeerToPeerBoundary(Boundary):
     """Whether the port sends LLDP frames (``NO_LLDP``)."""
 
     TYPE: ClassVar[int] = 0x0224
-    reserved: None = wire.padding(2)
-    boundary: int = wire.u32()
-    properties: int = wire.u16()
-    pad: None = wire.align()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,14 +106,10 @@ class AdjustPreambleLength(wire.Block):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdjustDcpBoundary(wire.Block):
+class AdjustDcpBoundary(Boundary):
     """Which DCP frames are not forwarded: nothing passes through a device with one port."""
 
     TYPE: ClassVar[int] = 0x0225
-    reserved: None = wire.padding(2)
-    boundary: int = wire.u32()
-    properties: int = wire.u16()
-    pad: None = wire.align()
 
 
 @dataclass(frozen=True, kw_only=True)

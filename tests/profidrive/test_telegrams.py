@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, SIGNALS, Signal, signal
-from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, likeliest, telegram, word_positions
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, likeliest, telegram
 from tests.support.axis.strategies import directions, half_values, telegrams
+from tests.support.documents.word_positions import word_positions
 
 WORDS = {1: (2, 2), 2: (4, 4), 3: (5, 9), 7: (2, 2), 9: (10, 5), 20: (2, 6), 100: (19, 17)}
 ENCODER_WORDS = {81: (2, 6), 82: (2, 7), 83: (2, 8), 84: (2, 10)}

@@ -10,9 +10,10 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import float_of, float_pattern, signal
-from pdgw.profidrive.telegrams import telegram, word_positions
+from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig
+from tests.support.documents.word_positions import word_positions
 from tests.support.gateways.daemon import axis
 
 TASK, START = 0x047F, 0x043F

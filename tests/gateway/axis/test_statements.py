@@ -9,12 +9,13 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import telegram, word_positions
+from pdgw.profidrive.telegrams import telegram
 from tests.gateway.axis.test_velocity import Bench
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig
 from tests.support.documents.parts import read_part
 from tests.support.documents.statements import PLACE, statement, statement_table
+from tests.support.documents.word_positions import word_positions
 
 PROFILE = "profile 4.1, general state diagram"
 MANUALS = "drive manuals (STW1, ZSW1)"

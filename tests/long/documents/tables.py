@@ -37,7 +37,7 @@ from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SENSOR_STATUS, TRANSITIO
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.codec import ERROR_TEXTS
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
-from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf, word_positions
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf
 from pdgw.profidrive.words import Bit, Confidence
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
@@ -47,6 +47,7 @@ from tests.long.documents.markdown import table
 from tests.long.documents.simulator_steps import generate_steps
 from tests.support.documents.parts import write_part
 from tests.support.documents.sources import ROOMS
+from tests.support.documents.word_positions import word_positions
 
 _ROOT = Path(__file__).parents[3]
 _DOCS = _ROOT / "docs"
