@@ -24,7 +24,7 @@ from tests.support.buses import PATIENCE_S
 from tests.support.logs import log_put_back
 
 settings.register_profile(
-    "ci", derandomize=True, deadline=None, max_examples=100, database=None, suppress_health_check=[HealthCheck.too_slow]
+    "ci", derandomize=True, deadline=None, max_examples=40, database=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.register_profile("fuzz", deadline=None, max_examples=20_000, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile(os.environ.get("PDGW_HYPOTHESIS", "ci"))
