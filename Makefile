@@ -88,7 +88,8 @@ limit-cycles = PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_
 paused = $(BIN)/python -m tests.pauses --longest $(LONGEST) $(SEED) $(BIN)/pytest -m "e2e or browser" && \
 	PDGW_PAUSES=$(SEED) PDGW_LONGEST_PAUSE=$(LONGEST) $(BIN)/python -m pytest -n 4 --dist worksteal -p tests.thread_pauses
 
-# 10,500,000 damaged inputs (so many to each of seven tests), and 20,000 of hypothesis to each of the others.
+# 12,000,000 damaged inputs (so many to each of eight tests), a share of them to those of whole captures, and 20,000 of hypothesis to
+# each of those of data sheets.
 INPUTS := 1500000
 fuzz: $(STAMP)
 	PDGW_HYPOTHESIS=fuzz PDGW_FUZZ_INPUTS=$(INPUTS) PDGW_FUZZ_SEED=$(SEED) $(BIN)/pytest tests/fuzz

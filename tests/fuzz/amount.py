@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import random
 
-INPUTS = int(os.environ.get("PDGW_FUZZ_INPUTS", "8000"))
+INPUTS = int(os.environ.get("PDGW_FUZZ_INPUTS", "2000"))
 """Damaged inputs of each long test."""
 SEED = int(os.environ.get("PDGW_FUZZ_SEED", "1"))
 

@@ -1,8 +1,9 @@
-"""Mutated and truncated captures of every format: decoded up to the damage, which is reported with its place; no traceback."""
+"""Damaged and truncated captures of every format: decoded up to the damage, which is reported with its place; no traceback."""
 
 from __future__ import annotations
 
 import io
+import random
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import cache
@@ -12,8 +13,6 @@ from typing import Any
 
 import can
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pdgw.ds301.aborts import CanopenError
 from pdgw.gateway.errors import GatewayError
@@ -26,9 +25,18 @@ from pdgw.tools.decoder.view.filter import Changes
 from pdgw.tools.decoder.view.names import Names
 from pdgw.tools.decoder.view.render import Columns, record_line, record_tree
 from pdgw.tools.decoder.view.statistics import Statistics
-from tests.fuzz.test_frames import mutated
+from tests.fuzz.amount import INPUTS, SEED, damage
 from tests.support.readers import captures
 
+CAPTURES = INPUTS // 50
+"""Damaged captures of a format: each is many packets."""
+OPTIONS: tuple[dict[str, Any], ...] = (
+    {},
+    {"as_json": True},
+    {"csv": "stw1,statusword"},
+    {"stats": True},
+    {"changes_only": True},
+)
 NAMES = Names()
 TITLES = ["kind", "frame_id", "stw1", "stw1.on", "statusword.text", "latency_ms", "object"]
 EXCHANGE = [(bytes.fromhex("030201011000039A000042010009"), bytes.fromhex("03020101"))]
@@ -88,48 +96,44 @@ def read_all(packets: Any, decoder: Decoder) -> int:
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-@given(data=st.data())
-def test_a_mutated_capture_is_decoded_up_to_its_damage(ending: str, data: st.DataObject) -> None:
-    content = data.draw(mutated(original(ending)))
-    decoder = Decoder(Settings(given_axes(data.draw(st.sampled_from([(), (1,), (1, 9)])))))
-    message = "capture: "
-    try:
-        with opened(content, ending) as source:
-            read_all(source.packets, decoder)
-    except GatewayError as error:
-        message = str(error)
-    assert message.startswith("capture: ")
-    assert "\n" not in message
+def test_a_damaged_capture_is_decoded_up_to_its_damage(ending: str) -> None:
+    chance = random.Random(f"{SEED} {ending}")
+    for _ in range(CAPTURES):
+        content = damage(original(ending), chance)
+        decoder = Decoder(Settings(given_axes(chance.choice(((), (1,), (1, 9))))))
+        message = "capture: "
+        try:
+            with opened(content, ending) as source:
+                read_all(source.packets, decoder)
+        except GatewayError as error:
+            message = str(error)
+        assert message.startswith("capture: ")
+        assert "\n" not in message
 
 
-@given(
-    packets=st.lists(st.tuples(st.sampled_from([*LinkType, 147]), st.binary(max_size=80), st.booleans()), max_size=10),
-    data=st.data(),
-)
-def test_any_packet_of_any_link_layer_is_a_record(packets: list[tuple[int, bytes, bool]], data: st.DataObject) -> None:
+def test_any_packet_of_any_link_layer_is_a_record() -> None:
+    chance = random.Random(SEED)
+    links = [*LinkType, 147]
     known = captures.cyclic_packets(1) + captures.parameter_packets(EXCHANGE)
-    decoder = Decoder()
     stream = []
-    for number, (link, content, take_known) in enumerate(packets, 1):
-        packet = data.draw(mutated(data.draw(st.sampled_from(known)))) if take_known else content
-        stream.append(Packet(number, number, LinkType.ETHERNET if take_known else link, "", packet))
-    assert read_all(stream, decoder) == len(packets)
+    for number in range(1, INPUTS // 10 + 1):
+        if chance.random() < 0.5:
+            link, content = LinkType.ETHERNET, damage(chance.choice(known), chance)
+        else:
+            link, content = chance.choice(links), chance.randbytes(chance.randrange(81))
+        stream.append(Packet(number, number, link, "", content))
+    assert read_all(stream, Decoder()) == len(stream)
 
 
 @pytest.mark.parametrize("ending", [".pcap", ".pcapng", ".log"])
-@settings(max_examples=settings().max_examples * 4 // 10)
-@given(data=st.data())
-def test_the_command_ends_with_one_error_and_prints_what_came_before(ending: str, data: st.DataObject) -> None:
-    content = data.draw(mutated(original(ending)))
-    options = data.draw(
-        st.sampled_from([{}, {"as_json": True}, {"csv": "stw1,statusword"}, {"stats": True}, {"changes_only": True}])
-    )
-    with TemporaryDirectory() as directory:
-        path = Path(directory) / f"a{ending}"
-        path.write_bytes(content)
+def test_the_command_ends_with_one_error_and_prints_what_came_before(ending: str, tmp_path: Path) -> None:
+    chance = random.Random(f"{SEED} command {ending}")
+    path = tmp_path / f"a{ending}"
+    for number in range(CAPTURES // 3):
+        path.write_bytes(damage(original(ending), chance))
         message = ""
         try:
-            decode([str(path)], **options)
+            decode([str(path)], **OPTIONS[number % len(OPTIONS)])
         except (GatewayError, CanopenError, ProfidriveError) as error:
             message = str(error)
         assert not message or str(path) in message

@@ -18,9 +18,9 @@ from tests.support.wire.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, Wire
 
 UNKNOWN_MAC = bytes.fromhex("020000000099")
 AXIS = (1, 2)
-COUNT = max(INPUTS, 20_000)
+COUNT = max(INPUTS, 6_000)
 """Of each of the two tests; `make fuzz` asks for more."""
-WATCHED = 8_000
+WATCHED = 3_000
 """Inputs at the end during which the memory is watched, which takes time."""
 LEAK = 100_000
 """Bytes that logs and caches of bounded size may still grow by."""
