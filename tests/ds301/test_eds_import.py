@@ -10,6 +10,7 @@ import canopen
 import pytest
 
 from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.eds import importer
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.text import EdsError, Repair
 from pdgw.peers.drive.objects import EDS_PATH
@@ -258,18 +259,19 @@ def test_everything_that_has_to_be_corrected_is_named_with_its_line() -> None:
         (b'\xef\xbb\xbf<?xml version="1.0"?>\n<EtherCATInfo Version="1.6">', "an ESI file"),
         (b'<ISO15745Profile xmlns="http://www.profibus.com/GSDML/2003/11/DeviceProfile">', "a GSDML file"),
         (b'<ISO15745ProfileContainer xmlns="http://www.canopen.org/xml/1.0">', "an XDD or XDC file"),
-        pytest.param(
-            b"".join(
-                b"[%04X]\nObjectType=8\nDataType=7\nCompactSubObj=254\n" % index for index in range(0x2000, 0x2100)
-            ),
-            "too long, allowed: 32768",
-            id="compact",
-        ),
     ],
 )
 def test_files_other_than_data_sheets_are_rejected(data: bytes, reason: str) -> None:
     with pytest.raises(EdsError, match=reason):
         import_eds(data, NODE)
+
+
+def test_file_with_too_many_entries_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert importer.MAX_ENTRIES == 32_768
+    monkeypatch.setattr(importer, "MAX_ENTRIES", 500)
+    compact = (b"[%04X]\nObjectType=8\nDataType=7\nCompactSubObj=254\n" % index for index in (0x2000, 0x2001))
+    with pytest.raises(EdsError, match="too long, allowed: 500"):
+        import_eds(b"".join(compact), NODE)
 
 
 @pytest.mark.parametrize("node_id", [0, 128, -1])
