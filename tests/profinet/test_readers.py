@@ -68,7 +68,11 @@ READS = [
 ]
 
 
-def session() -> tuple[Wire, list[tuple[tuple[int, int, int, int], RecordResult]]]:
+Session = tuple[Wire, list[tuple[tuple[int, int, int, int], RecordResult]]]
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
     """A whole session: a wrong module, alarms, records, release."""
     modules = dict(model().modules)
     modules[2] = object_module(ObjectKind.AXIS, telegram(1))
@@ -101,8 +105,8 @@ def session() -> tuple[Wire, list[tuple[tuple[int, int, int, int], RecordResult]
     return wire, results
 
 
-def test_every_record_of_the_table_can_be_read() -> None:
-    _, results = session()
+def test_every_record_of_the_table_can_be_read(session: Session) -> None:
+    _, results = session
     assert [key for key, _ in results] == READS
     refused = [(f"{key[3]:04X}h", result.status.text) for key, result in results if result.status.value]
     assert refused == []
@@ -110,8 +114,8 @@ def test_every_record_of_the_table_can_be_read() -> None:
 
 @tshark.needs_tshark
 @pytest.mark.tshark
-def test_tshark_reads_every_frame_of_a_session(tmp_path: Path) -> None:
-    wire, _ = session()
+def test_tshark_reads_every_frame_of_a_session(session: Session, tmp_path: Path) -> None:
+    wire, _ = session
     names = [
         "pn_rt.frame_id",
         "pn_io.block_type",
@@ -210,8 +214,8 @@ def test_every_record_index_has_the_same_name_in_tshark(tmp_path: Path) -> None:
     assert dict(zip([item.name for item in Index], names, strict=True)) == RECORD_NAMES
 
 
-def test_scapy_rebuilds_every_rpc_and_cyclic_frame_byte_for_byte() -> None:
-    wire, _ = session()
+def test_scapy_rebuilds_every_rpc_and_cyclic_frame_byte_for_byte(session: Session) -> None:
+    wire, _ = session
     calls = cyclic = 0
     for frame in wire.frames:
         packet = Ether(frame)

@@ -160,8 +160,7 @@ def test_other_operations_and_short_requests_are_rejected() -> None:
 
 @tshark.needs_tshark
 @pytest.mark.tshark
-@pytest.mark.parametrize("little", [True, False])
-def test_tshark_reads_the_entries(tmp_path: Path, little: bool) -> None:
+def test_tshark_reads_the_entries(tmp_path: Path) -> None:
     service = mapper()
 
     def execute(header: RpcHeader, body: bytes, source: tuple[str, int], now: int) -> bytes | RejectStatus:
@@ -170,20 +169,22 @@ def test_tshark_reads_the_entries(tmp_path: Path, little: bool) -> None:
     server: RpcServer[tuple[str, int]] = RpcServer({epm.INTERFACE: execute}, 4096)
     plc, device = ("192.168.0.1", 50000), ("192.168.0.2", 34964)
     frames = []
-    handle = NIL_HANDLE
-    for sequence in range(3):
-        header = RpcHeader(
-            PacketType.REQUEST, UUID(int=0), UUID(int=77), sequence, epm.LOOKUP, *epm.INTERFACE, little_endian=little
-        )
-        packet = dcerpc.encode_packet(header, lookup(handle, little))
-        (answer,) = server.receive(packet, plc)
-        handle = dcerpc.decode_packet(answer)[1][:20]
-        frames += [tshark_frames.datagram(packet, plc, device), tshark_frames.datagram(answer, device, plc)]
+    for little, activity in ((True, UUID(int=77)), (False, UUID(int=78))):
+        handle = NIL_HANDLE
+        for sequence in range(3):
+            header = RpcHeader(
+                PacketType.REQUEST, UUID(int=0), activity, sequence, epm.LOOKUP, *epm.INTERFACE, little_endian=little
+            )
+            packet = dcerpc.encode_packet(header, lookup(handle, little))
+            (answer,) = server.receive(packet, plc)
+            handle = dcerpc.decode_packet(answer)[1][:20]
+            frames += [tshark_frames.datagram(packet, plc, device), tshark_frames.datagram(answer, device, plc)]
     names = ["epm.annotation", "epm.proto.ip", "epm.proto.udp_port", "epm.uuid", "epm.num_ents", "epm.rc"]
     rows = tshark_frames.read(frames, tmp_path / "epm.pcap", names, every=True)
-    assert [row["epm.num_ents"] for row in rows[1::2]] == ["1", "1", "0"]
-    assert rows[1]["epm.annotation"].startswith("gateway ")
-    assert rows[3]["epm.proto.ip"] == "192.168.0.2"
-    assert rows[3]["epm.proto.udp_port"] == "34964"
-    assert "dea00001-6c97-11d1-8271-00a02442df7d" in rows[3]["epm.uuid"]
-    assert int(rows[5]["epm.rc"], 0) == epm.NOT_REGISTERED
+    for first, second, last in (rows[1:6:2], rows[7::2]):
+        assert [row["epm.num_ents"] for row in (first, second, last)] == ["1", "1", "0"]
+        assert first["epm.annotation"].startswith("gateway ")
+        assert second["epm.proto.ip"] == "192.168.0.2"
+        assert second["epm.proto.udp_port"] == "34964"
+        assert "dea00001-6c97-11d1-8271-00a02442df7d" in second["epm.uuid"]
+        assert int(last["epm.rc"], 0) == epm.NOT_REGISTERED

@@ -88,9 +88,9 @@ def numbers(text: str) -> list[int]:
 
 @tshark.needs_tshark
 @pytest.mark.tshark
-@pytest.mark.parametrize("index", [RECORD_LOCAL, RECORD_GLOBAL])
-def test_every_field_in_tshark_has_the_sent_value(tmp_path: Path, index: int) -> None:
-    answers = Answers([codec.encode_response(response) for _, response in TALKS])
+def test_every_field_in_tshark_has_the_sent_value(tmp_path: Path) -> None:
+    talks = [(index, *talk) for index in (RECORD_LOCAL, RECORD_GLOBAL) for talk in TALKS]
+    answers = Answers([codec.encode_response(response) for _, _, response in talks])
     server = RecordServer(answers, 4096)
     plc = RecordCaller(UUID(int=99), dcerpc.object_uuid(1, 2, 3), UUID(int=7))
     packets: list[bytes] = []
@@ -100,7 +100,7 @@ def test_every_field_in_tshark_has_the_sent_value(tmp_path: Path, index: int) ->
             packets.append(packet)
             packets.extend(server.receive(packet, "plc"))
 
-    for request, _ in TALKS:
+    for index, request, _ in talks:
         carry(plc.write(0x3A00, 1, 1, index, codec.encode_request(request)))
         carry(plc.read(0x3A00, 1, 1, index))
     capture = tmp_path / "parameters.pcap"
@@ -141,9 +141,9 @@ def test_every_field_in_tshark_has_the_sent_value(tmp_path: Path, index: int) ->
         ),
     ]
     rows = tshark.fields(capture, names, ("-E", "occurrence=a"))
-    assert len(rows) == 4 * len(TALKS)
+    assert len(rows) == 4 * len(talks)
     assert not any(row["_ws.malformed"] for row in rows)
-    for place, (request, response) in enumerate(TALKS):
+    for place, (_, request, response) in enumerate(talks):
         asked, answered = rows[4 * place], rows[4 * place + 3]
 
         def read(row: dict[str, str], name: str) -> list[int]:
