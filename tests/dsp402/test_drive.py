@@ -55,8 +55,7 @@ def test_pdo_steps_are_in_the_order_cia_301_demands() -> None:
 
 def test_start_up_maps_guards_and_reads_the_references(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     node = drive.node
     assert node.read(0x1016, 1) == 127 << 16 | 300
     assert node.read(0x1017) == 100
@@ -70,22 +69,14 @@ def test_start_up_maps_guards_and_reads_the_references(plant: Plant) -> None:
 
 @pytest.mark.parametrize("operation", list(Operation))
 def test_every_layout_carries_commands_and_feedback(plant: Plant, operation: Operation) -> None:
-    drive = plant.power_on()
-    client = plant.connect(operation, initial_mode=None)
-    plant.online()
-    command = DriveCommand()
-    command.modes_of_operation = Mode.VELOCITY
-    command.controlword = 0x06
-    client.send(command, 1)
-    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
-    assert drive.model.controlword == 0x06
+    plant.connected(operation, initial_mode=None)
+    plant.hear(modes_of_operation=Mode.VELOCITY)
 
 
 def test_a_drive_with_four_pdos_gets_the_rest_by_sdo(plant: Plant, tmp_path: Path) -> None:
     drive = plant.power_on(pdos=4)
     eds = eds_without(tmp_path, ("1404", "1604", "1804", "1A04"))
-    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, eds=eds)
-    plant.online()
+    client = plant.connected(Operation.TRANSPARENT, initial_mode=None, eds=eds)
     command = DriveCommand()
     command.digital_outputs = 0x0005_0000
     client.send(command, 1)
@@ -93,9 +84,7 @@ def test_a_drive_with_four_pdos_gets_the_rest_by_sdo(plant: Plant, tmp_path: Pat
 
 
 def test_pdos_are_sent_on_change_data_first_controlword_last_and_refreshed(plant: Plant) -> None:
-    plant.power_on()
-    client = plant.connect(Operation.POSITIONING, initial_mode=None)
-    plant.online()
+    client = plant.connected(Operation.POSITIONING, initial_mode=None)
     sent: list[int] = []
     plant.network.listeners.append(
         lambda m: sent.append(m.arbitration_id) if not m.is_rx and 0x200 <= m.arbitration_id < 0x580 else None
@@ -117,8 +106,7 @@ def test_pdos_are_sent_on_change_data_first_controlword_last_and_refreshed(plant
 
 def test_command_that_was_dropped_with_those_of_a_lost_node_is_sent_again(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     command = DriveCommand()
     port = site.gateway_port()
     port.droppable = True
@@ -162,13 +150,10 @@ def test_missing_node_is_reported_and_found_later(plant: Plant) -> None:
 def test_a_node_of_another_type_is_refused_by_name(
     plant: Plant, address: tuple[int, int], value: int, message: str
 ) -> None:
-    drive = site.drive(NODE)
-    drive.node.values[address] = value
-    plant.drive = drive
-    drive.start()
-    client = plant.connect(eds=EDS_PATH)
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert re.search(message, client.status_text), client.status_text
+    plant.power_on(values={address: value})
+    plant.connect(eds=EDS_PATH)
+    text = plant.refused()
+    assert re.search(message, text), text
     assert [event.kind for event in plant.events][-1] == "refused"
 
 
@@ -183,10 +168,7 @@ class _Stubborn(SimulatedDriveNode):
 
 @pytest.mark.parametrize("allowed", [False, True])
 def test_a_drive_that_refuses_6007h_is_not_operated_unless_configured(plant: Plant, allowed: bool) -> None:
-    drive = site.drive(NODE)
-    drive.node = _Stubborn(NODE, drive._send)
-    plant.drive = drive
-    drive.start()
+    plant.power_on(_Stubborn)
     client = plant.connect(allow_unguarded=allowed)
     if allowed:
         plant.online()
@@ -199,8 +181,7 @@ def test_a_drive_that_refuses_6007h_is_not_operated_unless_configured(plant: Pla
 
 def test_a_silent_drive_is_lost_and_brought_back_without_a_start(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     drive.do(lambda node: node.power_off())
     site.wait_for(lambda: client.status is DriveStatus.LOST, "lost")
     assert "heartbeat" in client.status_text or "TPDO1" in client.status_text
@@ -211,8 +192,7 @@ def test_a_silent_drive_is_lost_and_brought_back_without_a_start(plant: Plant) -
 
 def test_a_restart_of_the_drive_is_noticed_and_configured_again(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     drive.do(lambda node: node.receive(0, bytes((0x81, NODE)), node.now))
     plant.online(2)
     assert "boot" in [event.kind for event in plant.events]
@@ -222,9 +202,7 @@ def test_a_restart_of_the_drive_is_noticed_and_configured_again(plant: Plant) ->
 
 
 def test_unexpected_error_in_a_drives_task_sets_it_offline(plant: Plant) -> None:
-    plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     assert client.refresh(site.now())
     nowhere = replace(DRIVE_OBJECTS.attribute("position_actual"), attribute="of_no_image")
     client._acyclic_tpdos.append(Pdo(PdoDirection.TPDO, 4, (nowhere,)))
@@ -235,8 +213,7 @@ def test_unexpected_error_in_a_drives_task_sets_it_offline(plant: Plant) -> None
 
 def test_last_sign_of_a_drive_includes_heartbeats(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     drive.do(lambda node: node.receive(NMT, bytes((NmtCommand.STOP, NODE)), node.now))
     site.wait_for(lambda: client.nmt_stopped, "a heartbeat, and no TPDO any more")
     assert client.received_ns > max(slot.time for slot in client._slots)
@@ -244,8 +221,7 @@ def test_last_sign_of_a_drive_includes_heartbeats(plant: Plant) -> None:
 
 def test_emergencies_are_passed_on_with_their_code(plant: Plant) -> None:
     drive = plant.power_on()
-    plant.connect()
-    plant.online()
+    plant.connected()
     drive.inject(4)
     site.wait_for(lambda: any(event.kind == "emcy" for event in plant.events), "EMCY")
     event = next(event for event in plant.events if event.kind == "emcy")
@@ -253,9 +229,7 @@ def test_emergencies_are_passed_on_with_their_code(plant: Plant) -> None:
 
 
 def test_jobs_run_beside_the_exchange_and_report_their_own_errors(plant: Plant) -> None:
-    plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     assert site.result(client.submit(lambda drive: drive.sdo.read(0x1008))) == b"ENGEL HBI"
     with pytest.raises(Exception, match="0602"):
         site.result(client.submit(lambda drive: drive.sdo.read(0x5000)))
@@ -267,9 +241,7 @@ def test_jobs_run_beside_the_exchange_and_report_their_own_errors(plant: Plant) 
 
 
 def test_a_short_tpdo_is_counted_and_ignored(plant: Plant) -> None:
-    plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     client.refresh(0)
     before = client.feedback.statusword
     slot = client._slots[0]
@@ -281,8 +253,7 @@ def test_a_short_tpdo_is_counted_and_ignored(plant: Plant) -> None:
 
 def test_telegram_change_maps_the_pdos_again(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     client.reconfigure(LAYOUTS[Operation.POSITIONING], DriveSettings(NODE, sdo_timeout_ms=200))
     plant.online(2)
     assert drive.node.read(0x1600, 0) == 3
@@ -293,8 +264,7 @@ def test_telegram_change_restores_ramps_that_rpdos_replaced(plant: Plant) -> Non
     """Else a speed telegram ramps, and stops, with what a task of the positioner had asked for last."""
     drive = plant.power_on()
     drive.node.write(drive.node.entry(0x6083, 0), 250)
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     client.reconfigure(LAYOUTS[Operation.POSITIONING], DriveSettings(NODE, sdo_timeout_ms=200))
     plant.online(2)
     command = DriveCommand()
@@ -343,12 +313,8 @@ def test_any_exception_of_a_driver_names_the_interface(monkeypatch: pytest.Monke
 
 def test_unreadable_values_are_a_loss(plant: Plant) -> None:
     """With two TPDOs most of telegram 100 is read by SDO: old values must not be shown as good."""
-    drive = site.drive(NODE)
-    drive.node.misbehave("two-pdos")
-    plant.drive = drive
-    drive.start()
-    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
-    plant.online()
+    drive = plant.power_on(misbehaves="two-pdos")
+    client = plant.connected(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
     drive.do(lambda node: node.misbehave("sdo-timeout"))
     site.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
     assert any("lost: objects without PDO could not be read 3 times" in event.text for event in plant.events)
@@ -358,12 +324,8 @@ def test_unreadable_values_are_a_loss(plant: Plant) -> None:
 
 def test_values_that_are_not_read_during_a_long_job_are_a_loss(plant: Plant) -> None:
     """Also for the cyclic side, while the job runs."""
-    drive = site.drive(NODE)
-    drive.node.misbehave("two-pdos")
-    plant.drive = drive
-    drive.start()
-    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
-    plant.online()
+    plant.power_on(misbehaves="two-pdos")
+    client = plant.connected(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
     release = Event(client.loop)
     client.submit(lambda _: release.wait())
     site.play(400 * MS)
@@ -380,13 +342,8 @@ def test_values_that_are_not_read_during_a_long_job_are_a_loss(plant: Plant) -> 
 def test_long_object_is_read_unless_other_objects_go_by_sdo(
     plant: Plant, monkeypatch: pytest.MonkeyPatch, misbehaviour: str
 ) -> None:
-    drive = site.drive(NODE)
-    if misbehaviour:
-        drive.node.misbehave(misbehaviour)
-    plant.drive = drive
-    drive.start()
-    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
-    plant.online()
+    drive = plant.power_on(misbehaves=misbehaviour)
+    client = plant.connected(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
     monkeypatch.setattr(drive.node, "get_data", lambda *_, **__: bytes(4000))
     job = client.submit(lambda drive: drive.sdo.read(0x1008))
     if not misbehaviour:
@@ -397,9 +354,7 @@ def test_long_object_is_read_unless_other_objects_go_by_sdo(
 
 
 def test_no_rpdo_is_sent_after_own_values_are_written_back_even_if_a_client_stores(plant: Plant) -> None:
-    plant.power_on()
-    client = plant.connect(Operation.POSITIONING, initial_mode=None)
-    plant.online()
+    client = plant.connected(Operation.POSITIONING, initial_mode=None)
     command = DriveCommand()
     client.send(command, site.now())
     site.result(client.submit(DriveClient.write_back))
@@ -413,8 +368,7 @@ def test_domain_of_the_drive_is_read_by_blocks(plant: Plant) -> None:
     drive = plant.power_on()
     drive.node.entries[0x2100, 0] = Entry(0x2100, 0, "Trace", CanType.DOMAIN)
     drive.node.values[0x2100, 0] = bytes(range(200))
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     variable = ODVariable("Trace", 0x2100, 0)
     variable.data_type = CanType.DOMAIN.code
     client.sdo.dictionary.add_object(variable)
@@ -426,8 +380,7 @@ def test_domain_of_the_drive_is_read_by_blocks(plant: Plant) -> None:
 
 def test_number_has_the_length_of_the_eds(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     send = drive.node.send
     # Without a size in the answer a number comes with all four bytes of the frame.
     sizeless = b"\x42\x17\x10\0\x64\0\xff\xff"
@@ -439,12 +392,9 @@ def test_number_has_the_length_of_the_eds(plant: Plant, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("pdos", [1, 4])
 def test_any_frame_under_the_identifiers_of_the_node_is_survived(plant: Plant, pdos: int) -> None:
-    drive = site.drive(NODE)
+    drive = plant.power_on()
     drive.node.misbehave("two-pdos", pdos=pdos)
-    plant.drive = drive
-    drive.start()
-    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=20)
-    plant.online()
+    client = plant.connected(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=20)
     bus = site.other()
     random = Random(pdos)
     command = DriveCommand()

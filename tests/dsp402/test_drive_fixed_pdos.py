@@ -10,15 +10,13 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.ds301.sdo_transfer import SdoAbortedError
-from pdgw.dsp402.drive.client import DriveClient, DriveStatus
-from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from tests.support.axis.mapping import engel_layout, pdo_steps
 from tests.support.drives.plant import NODE, Plant, observe
-from tests.support.gateways import site
 
 
 class _Fixed(SimulatedDriveNode):
@@ -34,19 +32,11 @@ class _Fixed(SimulatedDriveNode):
 
 def _fixed(plant: Plant, operation: Operation, values: dict[tuple[int, int], int]) -> SimulatedDrive:
     """A drive whose PDOs are made for an operation, but for ``values``; its other PDOs cannot be switched off."""
-    drive = site.drive(NODE)
-    node = _Fixed(NODE, drive._send)
     layout = engel_layout(operation)
     available = [d.communication_index + n for d in PdoDirection for n in range(5)]
-    for step in pdo_steps(layout, NODE, available, sync=False, event_ms=50, inhibit_us=0):
-        node.values[step.index, step.subindex] = step.value
-    node.values[0x1801, 1] = 0x284
-    node.values |= values
-    node.pdos.map()
-    drive.node = node
-    plant.drive = drive
-    drive.start()
-    return drive
+    steps = pdo_steps(layout, NODE, available, sync=False, event_ms=50, inhibit_us=0)
+    fixed = {(step.index, step.subindex): step.value for step in steps}
+    return plant.power_on(_Fixed, fixed | {(0x1801, 1): 0x284} | values)
 
 
 @pytest.mark.parametrize("operation", list(Operation))
@@ -56,22 +46,16 @@ def _fixed(plant: Plant, operation: Operation, values: dict[tuple[int, int], int
     ids=["as wanted", "no remote request, type 254"],
 )
 def test_fixed_pdos_that_match_are_used(plant: Plant, operation: Operation, values: dict[tuple[int, int], int]) -> None:
-    drive = _fixed(plant, operation, values)
-    client = plant.connect(operation, initial_mode=None)
-    plant.online()
-    command = DriveCommand()
-    command.controlword = 0x06
-    client.send(command, 1)
-    site.wait_for(lambda: drive.model.controlword == 0x06, "RPDO 1 is heard")
-    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+    _fixed(plant, operation, values)
+    plant.connected(operation, initial_mode=None)
+    plant.hear()
 
 
 @pytest.mark.parametrize(("mapped", "writes"), [(0x60FF_0020, 0), (0x6071_0010, 4)])
 def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapped: int, writes: int) -> None:
     plant.power_on().node.values |= {(0x1600, 1): mapped, (0x1600, 2): 0x6040_0010}
     seen = observe(plant)
-    plant.connect(Operation.VELOCITY)
-    plant.online()
+    plant.connected(Operation.VELOCITY)
     assert len([index for index, _, _ in seen if index == 0x1600]) == writes
 
 
@@ -85,21 +69,14 @@ class _Knows254(SimulatedDriveNode):
         return super().event_timer(index) if self.sent_on_change(int(self.values[index, 2])) else 0
 
 
-def _with_types(plant: Plant, type_: int) -> _Knows254:
-    drive = site.drive(NODE)
-    drive.node = node = _Knows254(NODE, drive._send)
-    for index in (0x1800, 0x1801):
-        node.values[index, 2] = type_
-    plant.drive = drive
-    drive.start()
-    return node
+def _with_types(plant: Plant, type_: int) -> SimulatedDriveNode:
+    return plant.power_on(_Knows254, {(index, 2): type_ for index in (0x1800, 0x1801)}).node
 
 
 def test_transmission_type_254_of_a_drive_is_kept(plant: Plant) -> None:
     node = _with_types(plant, EVENT_DRIVEN_MANUFACTURER)
     seen = observe(plant)
-    plant.connect(Operation.VELOCITY)
-    plant.online()
+    plant.connected(Operation.VELOCITY)
     assert [node.values[index, 2] for index in (0x1800, 0x1801)] == [254, 254]
     assert [item for item in seen if item[:2] in {(0x1800, 2), (0x1801, 2)}] == []
 
@@ -107,18 +84,17 @@ def test_transmission_type_254_of_a_drive_is_kept(plant: Plant) -> None:
 def test_synchronous_transmission_type_of_a_drive_is_not_kept(plant: Plant) -> None:
     node = plant.power_on().node
     node.values[0x1800, 2] = 1
-    plant.connect(Operation.VELOCITY)
-    plant.online()
+    plant.connected(Operation.VELOCITY)
     assert node.values[0x1800, 2] == EVENT_DRIVEN_PROFILE
 
 
 @pytest.mark.parametrize("sync", [False, True])
 def test_rejection_of_a_drive_without_tpdos_names_sync(plant: Plant, sync: bool) -> None:
     _with_types(plant, EVENT_DRIVEN_PROFILE)
-    client = plant.connect(Operation.VELOCITY, sync=sync)
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert "none of TPDO1, TPDO2" in client.status_text
-    assert ("set sync = true" in client.status_text) is not sync
+    plant.connect(Operation.VELOCITY, sync=sync)
+    text = plant.refused()
+    assert "none of TPDO1, TPDO2" in text
+    assert ("set sync = true" in text) is not sync
 
 
 class _Keeps(SimulatedDriveNode):
@@ -137,16 +113,15 @@ def _keeping(
     values: Mapping[tuple[int, int], int] | None = None,
 ) -> SimulatedDrive:
     """A drive that keeps ``mappings``, or single ``values``."""
-    drive = site.drive(NODE)
-    drive.node = node = _Keeps(NODE, drive._send)
-    for index, mapping in (mappings or {}).items():
-        node.values |= {(index, number): value for number, value in enumerate((len(mapping), *mapping))}
+    own = {
+        (index, number): value
+        for index, mapping in (mappings or {}).items()
+        for number, value in enumerate((len(mapping), *mapping))
+    }
+    drive = plant.power_on(_Keeps, own | (values or {}))
     if values is not None:
-        node.kept = values.keys()
-        node.values |= values
-    node.pdos.map()
-    plant.drive = drive
-    drive.start()
+        assert isinstance(drive.node, _Keeps)
+        drive.node.kept = values.keys()
     return drive
 
 
@@ -154,25 +129,16 @@ def test_mapping_that_a_drive_keeps_although_it_confirms_another_is_used_as_it_i
     """Else the Controlword would be taken for a speed, and the speed for a position."""
     values = {0x1600: (0x6040_0010, 0x60FF_0020), 0x1A00: (0x606C_0020, 0x6041_0010)}
     drive = _keeping(plant, values)
-    client = plant.connect(Operation.VELOCITY)
-    plant.online()
-    command = DriveCommand()
-    command.controlword, command.target_velocity = 0x06, 1000
-    client.send(command, 1)
-    site.wait_for(lambda: drive.model.controlword == 0x06, "RPDO 1 is heard")
+    plant.connected(Operation.VELOCITY)
+    plant.hear(target_velocity=1000)
     assert drive.model.target_velocity == 1000
-    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
 
 
 def test_rpdo_that_keeps_a_mapping_with_other_objects_is_not_used(plant: Plant) -> None:
     drive = _keeping(plant, {0x1600: (0x6071_0010, 0x6040_0010)})
-    client = plant.connect(Operation.VELOCITY)
-    plant.online()
+    plant.connected(Operation.VELOCITY)
     assert drive.node.read(0x1400, 1) & COB_ID_INVALID
-    command = DriveCommand()
-    command.controlword, command.target_velocity = 0x06, 1000
-    client.send(command, 1)
-    site.wait_for(lambda: drive.model.controlword == 0x06, "another RPDO is heard")
+    plant.hear(target_velocity=1000)
     assert (drive.model.target_velocity, drive.model.target_torque) == (1000, 0)
 
 
@@ -193,7 +159,7 @@ def test_cob_id_and_transmission_type_that_a_drive_keeps_although_it_confirms_ot
     plant: Plant, address: tuple[int, int], value: int, line: str
 ) -> None:
     mappings = {0x1600: (0x60FF_0020, 0x6040_0010), 0x1A00: (0x6041_0010, 0x606C_0020)}
-    drive = _keeping(plant, mappings, values={address: value})
+    _keeping(plant, mappings, values={address: value})
     client = plant.connect(Operation.VELOCITY)
 
     def send_sync() -> None:
@@ -205,27 +171,19 @@ def test_cob_id_and_transmission_type_that_a_drive_keeps_although_it_confirms_ot
     plant.online()
     assert client.plan is not None
     assert any(item.startswith(line) for item in client.plan.lines), client.plan.lines
-    command = DriveCommand()
-    command.controlword = 0x06
-    client.send(command, 1)
-    site.wait_for(lambda: drive.model.controlword == 0x06, "the Controlword is heard")
+    plant.hear()
 
 
 def test_rpdo_that_stays_invalid_although_the_drive_confirms_its_cob_id_is_not_used(plant: Plant) -> None:
-    drive = _keeping(plant, values={(0x1400, 1): COB_ID_INVALID | 0x204})
-    client = plant.connect(Operation.VELOCITY)
-    plant.online()
-    command = DriveCommand()
-    command.controlword = 0x06
-    client.send(command, 1)
-    site.wait_for(lambda: drive.model.controlword == 0x06, "another RPDO is heard")
+    _keeping(plant, values={(0x1400, 1): COB_ID_INVALID | 0x204})
+    plant.connected(Operation.VELOCITY)
+    plant.hear()
 
 
 def test_unused_pdo_that_keeps_the_cob_id_of_another_node_is_refused(plant: Plant) -> None:
     _keeping(plant, values={(0x1803, 1): 0x385})
-    client = plant.connect(Operation.VELOCITY)
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert "TPDO4 unused: confirmed, but reads otherwise (1803h/1 := 80000484h)" in client.status_text
+    plant.connect(Operation.VELOCITY)
+    assert "TPDO4 unused: confirmed, but reads otherwise (1803h/1 := 80000484h)" in plant.refused()
 
 
 @pytest.mark.parametrize(
@@ -241,9 +199,8 @@ def test_fixed_pdos_that_do_not_carry_what_is_needed_are_named(
     plant: Plant, address: tuple[int, int], value: int, text: str
 ) -> None:
     _fixed(plant, Operation.VELOCITY, {address: value})
-    client = plant.connect()
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert text in client.status_text
+    plant.connect()
+    assert text in plant.refused()
 
 
 @pytest.mark.parametrize(
@@ -261,16 +218,11 @@ def test_fixed_pdos_that_do_not_carry_what_is_needed_are_named(
 def test_fixed_pdos_that_carry_what_is_needed_are_adopted_as_they_are(
     plant: Plant, address: tuple[int, int], value: int, line: str
 ) -> None:
-    drive = _fixed(plant, Operation.VELOCITY, {address: value})
-    client = plant.connect()
-    plant.online()
+    _fixed(plant, Operation.VELOCITY, {address: value})
+    client = plant.connected()
     assert client.plan is not None
     assert line in client.plan.lines
-    command = DriveCommand()
-    command.controlword = 0x06
-    client.send(command, 1)
-    site.wait_for(lambda: drive.model.controlword == 0x06, "the Controlword is heard")
-    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+    plant.hear()
 
 
 @pytest.mark.parametrize(("address", "cob_id"), [((0x1400, 1), 0x205), ((0x1800, 1), 0x185)])
@@ -279,7 +231,7 @@ def test_drive_that_keeps_a_cob_id_of_another_node_is_refused(
 ) -> None:
     _fixed(plant, Operation.VELOCITY, {address: cob_id})
     DriveClient(plant.network, DriveSettings(node_id=5), LAYOUTS[Operation.VELOCITY], plant.events.append)
-    client = plant.connect()
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert f"COB-ID {cob_id:03X}h" in client.status_text
-    assert "node 5" in client.status_text
+    plant.connect()
+    text = plant.refused()
+    assert f"COB-ID {cob_id:03X}h" in text
+    assert "node 5" in text

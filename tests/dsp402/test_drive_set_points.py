@@ -31,12 +31,8 @@ class TwoPdos:
 
     def __init__(self, plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
         self.plant = plant
-        self.drive = site.drive(NODE)
-        self.drive.node.misbehave("two-pdos")
-        plant.drive = self.drive
-        self.drive.start()
-        self.client = plant.connect(Operation.POSITIONING, initial_mode=None)
-        plant.online()
+        self.drive = plant.power_on(misbehaves="two-pdos")
+        self.client = plant.connected(Operation.POSITIONING, initial_mode=None)
         self.accelerations: list[int] = []
         """6083h at each rising edge of bit 4."""
         self.words: list[int] = []
@@ -187,14 +183,8 @@ class _DataBySync(SimulatedDriveNode):
 
 def _connected_by_sync(plant: Plant, monkeypatch: pytest.MonkeyPatch, **settings: int) -> tuple[DriveClient, list[int]]:
     """A drive whose data acts with SYNC, and its profile velocities at each start of a setpoint."""
-    drive = site.drive(NODE)
-    node = _DataBySync(NODE, drive._send)
-    node.values[0x1401, 2] = 1
-    drive.node = node
-    plant.drive = drive
-    drive.start()
-    client = plant.connect(Operation.POSITIONING, initial_mode=None, **settings)
-    plant.online()
+    drive = plant.power_on(_DataBySync, {(0x1401, 2): 1})
+    client = plant.connected(Operation.POSITIONING, initial_mode=None, **settings)
     seen: list[int] = []
     bit = False
 
@@ -204,7 +194,7 @@ def _connected_by_sync(plant: Plant, monkeypatch: pytest.MonkeyPatch, **settings
         if bit and not before:
             seen.append(drive.model.profile_velocity)
 
-    monkeypatch.setattr(node, "on_rpdo", on_rpdo)
+    monkeypatch.setattr(drive.node, "on_rpdo", on_rpdo)
     return client, seen
 
 
@@ -286,9 +276,7 @@ class _PartlyFull:
 @contextmanager
 def _starting(plant: Plant, refused: int) -> Iterator[tuple[DriveClient, DriveCommand, _PartlyFull]]:
     """A drive in operation that is about to get a setpoint; the bus refuses one of its frames."""
-    plant.power_on()
-    client = plant.connect(Operation.POSITIONING, initial_mode=None)
-    plant.online()
+    client = plant.connected(Operation.POSITIONING, initial_mode=None)
     command = DriveCommand()
     command.controlword = ENABLED
     client.send(command, site.now())

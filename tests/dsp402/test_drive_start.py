@@ -33,8 +33,7 @@ from tests.support.gateways import site
 def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:
     plant.power_on().node.values[0x1600, 2] = 0x6071_0010
     seen = observe(plant)
-    plant.connect(Operation.VELOCITY)
-    plant.online()
+    plant.connected(Operation.VELOCITY)
     assert seen[0] == (0, 0, bytes((0x80, NODE)))
     assert seen[-1] == (0, 0, bytes((0x01, NODE)))
     assert [step for step in seen if not step[0]] == [seen[0], seen[-1]]
@@ -59,8 +58,7 @@ def test_an_ignored_setpoint_range_is_reported_once_in_a_bring_up(plant: Plant, 
     eds = tmp_path / "forbids-0.eds"
     before, section, after = text.partition("[60FF]")
     eds.write_text(before + section + after.replace("LowLimit=-32767", "LowLimit=100", 1), encoding="ascii")
-    plant.connect(Operation.VELOCITY, eds=eds)
-    plant.online()
+    plant.connected(Operation.VELOCITY, eds=eds)
     assert [event.text for event in plant.events if "forbids" in event.text] == [
         "60FFh: the range 100..32767 in the data sheet forbids the setpoint 0: ignored, the range of the data type is used"
     ]
@@ -86,8 +84,7 @@ def test_no_rpdo_is_sent_in_any_cycle_before_the_configuration(plant: Plant) -> 
 
 def test_four_pdos_are_found_even_if_the_eds_has_five(plant: Plant) -> None:
     drive = plant.power_on(pdos=4)
-    client = plant.connect(Operation.TRANSPARENT, initial_mode=None)
-    plant.online()
+    client = plant.connected(Operation.TRANSPARENT, initial_mode=None)
     command = DriveCommand()
     command.digital_outputs = 0x0003_0000
     client.send(command, 1)
@@ -116,12 +113,9 @@ class _Lacking(SimulatedDriveNode):
 
 
 def _lacking(plant: Plant, *, read: int = 0, write: int = 0) -> SimulatedDrive:
-    drive = site.drive(NODE)
-    node = _Lacking(NODE, drive._send)
-    node.read_lacks, node.write_lacks = read, write
-    drive.node = node
-    plant.drive = drive
-    drive.start()
+    drive = plant.power_on(_Lacking)
+    assert isinstance(drive.node, _Lacking)
+    drive.node.read_lacks, drive.node.write_lacks = read, write
     return drive
 
 
@@ -150,8 +144,7 @@ def test_unit_that_cannot_be_read_now_is_not_missing(plant: Plant, index: int) -
     assert isinstance(drive.node, _Lacking)
     drive.node.abort, drive.node.aborts = Abort.CANNOT_STORE_DEVICE_STATE, 1
     client = plant.connect()
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert f"object {index:04X}h/" in client.status_text
+    assert f"object {index:04X}h/" in plant.refused()
     plant.online()
     assert client.drive_type is not None
     assert client.drive_type.scaling == engel().scaling
@@ -160,10 +153,10 @@ def test_unit_that_cannot_be_read_now_is_not_missing(plant: Plant, index: int) -
 @pytest.mark.parametrize("index", [0x1018, 0x6098])
 def test_an_object_the_eds_promises_and_the_drive_lacks_is_named(plant: Plant, index: int) -> None:
     _lacking(plant, read=index)
-    client = plant.connect()
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert f"{index:04X}h/" in client.status_text
-    assert "object does not exist" in client.status_text
+    plant.connect()
+    text = plant.refused()
+    assert f"{index:04X}h/" in text
+    assert "object does not exist" in text
 
 
 def test_unknown_scaling_is_rejected_with_the_key_to_set(plant: Plant, tmp_path: Path) -> None:
@@ -177,8 +170,7 @@ def test_unknown_scaling_is_rejected_with_the_key_to_set(plant: Plant, tmp_path:
 
 def test_unknown_vendor_needs_no_eds_and_missing_scaling_is_named(plant: Plant) -> None:
     plant.power_on().node.values[0x1018, 1] = 0x1234
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     assert client.drive_type is not None
     assert (client.drive_type.name, client.drive_type.family) == ("ENGEL HBI", "")
     assert {*client.drive_type.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
@@ -188,20 +180,18 @@ def test_unknown_vendor_needs_no_eds_and_missing_scaling_is_named(plant: Plant) 
 
 def test_a_drive_that_was_exchanged_for_another_one_is_refused(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    plant.connected()
     drive.do(lambda node: node.values.__setitem__((0x1018, 2), 0x77))
     drive.do(lambda node: node.start(site.now()))
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert "00000400h, 00000077h" in client.status_text
-    assert "as at the first start" in client.status_text
+    text = plant.refused()
+    assert "00000400h, 00000077h" in text
+    assert "as at the first start" in text
 
 
 def test_references_of_another_drive_are_not_used(plant: Plant) -> None:
     """A write to a reference reads them again: of a drive that shows another identity they stay as they were."""
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     before = client.drive_type
     drive.do(lambda node: node.misbehave("wrong-identity"))
     with pytest.raises(Dsp402Error, match="as at the first start"):
@@ -212,8 +202,7 @@ def test_references_of_another_drive_are_not_used(plant: Plant) -> None:
 @pytest.mark.parametrize("more", [{"family": "engel"}, {"units": UnitKeys(velocity_unit="0.5 rpm")}])
 def test_configuration_defines_the_scaling_of_an_unknown_drive(plant: Plant, more: dict[str, object]) -> None:
     plant.power_on().node.values[0x1018, 1] = 0x1234
-    client = plant.connect(**more)
-    plant.online()
+    client = plant.connected(**more)
     assert client.drive_type is not None
     assert client.drive_type.scaling.reference(Quantity.SPEED) == 6000
 
@@ -239,8 +228,7 @@ def test_relative_tasks_begin_where_the_drive_is_and_not_at_an_old_target(plant:
 
 def test_other_telegrams_leave_the_positioning_option_to_the_drive(plant: Plant) -> None:
     node = _with_option(plant, 0)
-    plant.connect(Operation.TRANSPARENT)
-    plant.online()
+    plant.connected(Operation.TRANSPARENT)
     assert node.values[OPTION] == 0
 
 
@@ -258,16 +246,15 @@ def test_rejected_guarding_rejects_the_drive(plant: Plant, allowed: bool) -> Non
     if allowed:
         plant.online()
         return
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert "1016h: " in client.status_text
-    assert "1016h" in client.status_text
+    text = plant.refused()
+    assert "1016h: " in text
+    assert "1016h" in text
     assert client.refresh(site.now()) is False
 
 
 def test_drive_without_heartbeat_is_life_guarded_and_supervised_by_tpdos(plant: Plant) -> None:
     _lacking(plant, write=0x1017)
-    client = plant.connect(heartbeat_ms=10)
-    plant.online()
+    client = plant.connected(heartbeat_ms=10)
     assert client.guarding is not None
     assert "monitors the node by its TPDOs only" in client.guarding.text
     seen = plant.network.received
@@ -277,16 +264,14 @@ def test_drive_without_heartbeat_is_life_guarded_and_supervised_by_tpdos(plant: 
 
 def test_rejected_mode_is_named(plant: Plant) -> None:
     _lacking(plant, write=0x6060)
-    client = plant.connect()
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert "6060h/" in client.status_text
+    plant.connect()
+    assert "6060h/" in plant.refused()
 
 
 def test_pdo_with_a_fixed_mapping_is_replaced_by_another(plant: Plant) -> None:
     drive = _lacking(plant, write=0x1600)
     drive.node.values |= {(0x1600, 0): 1, (0x1600, 1): 0x60FE_0120}
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     assert client.plan is not None
     assert client.plan.lines[0] == "RPDO2 304h: Target Velocity 60FFh, Controlword 6040h"
 
@@ -303,12 +288,11 @@ def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant) ->
 
 def test_broken_sdo_answer_is_rejected_and_the_task_continues(plant: Plant) -> None:
     bus = site.other()
-    client = plant.connect()
+    plant.connect()
     plant.network.listeners.append(
         lambda m: bus.send(0x580 + NODE, b"") if m.arbitration_id == 0x600 + NODE and plant.drive is None else None
     )
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert "cannot be decoded" in client.status_text
+    assert "cannot be decoded" in plant.refused()
     plant.power_on()
     plant.online()
 
@@ -332,8 +316,7 @@ def _lose_answers(plant: Plant, every: int) -> list[int]:
 def test_a_lost_sdo_answer_does_not_end_the_bring_up(plant: Plant) -> None:
     answers = _lose_answers(plant, 10)
     begin = site.now()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     assert site.now() - begin < answers[0] // 10 * 3 * client.settings.sdo_timeout_ms * MS
     assert [event.text for event in plant.events if "no answer" in event.text] == []
 
@@ -378,9 +361,7 @@ def test_progress_of_the_configuration_names_object_and_number(plant: Plant) -> 
 
 
 def test_a_short_tpdo_is_no_sign_of_life(plant: Plant) -> None:
-    plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     slot = client._slots[0]
     seen = slot.time
     slot.receive(b"\x37", seen + 1000 * MS)
@@ -389,8 +370,7 @@ def test_a_short_tpdo_is_no_sign_of_life(plant: Plant) -> None:
 
 def test_a_waiting_job_fails_when_the_drive_is_lost(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     running, release = Event(client.loop), Event(client.loop)
 
     def hold(_drive: DriveClient) -> None:
@@ -410,17 +390,14 @@ def test_a_waiting_job_fails_when_the_drive_is_lost(plant: Plant) -> None:
 
 
 def test_stopped_client_releases_the_bus_for_the_next_one(plant: Plant) -> None:
-    plant.power_on()
-    first = plant.connect()
-    plant.online()
+    first = plant.connected()
     blocked = Event(first.loop)
     first.submit(lambda drive: blocked.wait(200 * MS))
     waiting = first.submit(lambda drive: drive.sdo.read(0x1000))
     first.stop()
     first.stop()
     assert waiting.done()
-    plant.connect(Operation.POSITIONING, initial_mode=None)
-    plant.online()
+    plant.connected(Operation.POSITIONING, initial_mode=None)
     assert first.generation == 1
     assert first.status is DriveStatus.OFFLINE
 
@@ -431,8 +408,7 @@ def test_missing_node_does_not_delay_the_other_drive(plant: Plant) -> None:
         plant.network, DriveSettings(9, sdo_timeout_ms=500), LAYOUTS[Operation.VELOCITY], plant.events.append
     )
     dead.start()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     assert site.result(client.submit(lambda drive: drive.sdo.read_number(0x1000))) == 0x0002_0192
     assert dead.status is DriveStatus.OFFLINE
     dead.stop()
@@ -448,8 +424,7 @@ def test_sync_lets_the_tpdos_wait_for_the_cycle(plant: Plant) -> None:
             loop.call_later(5 * MS, cycle)
 
     cycle()
-    client = plant.connect(sync=True)
-    plant.online()
+    client = plant.connected(sync=True)
     assert drive.node.read(0x1800, 2) == 1
     cycling = False
     site.wait_for(lambda: client.status is DriveStatus.LOST, "lost without SYNC")
@@ -463,16 +438,15 @@ def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
     drive = plant.power_on()
     drive.do(lambda node: node.misbehave("heartbeat-stops"))
     client = plant.connect()
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert re.search("heartbeat of node 4: 'none'.* 1 s of NMT start", client.status_text)
+    text = plant.refused()
+    assert re.search("heartbeat of node 4: 'none'.* 1 s of NMT start", text)
     assert client.generation == 0
     site.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
 
 
 def test_stopped_heartbeat_is_distinguished_from_a_cut_cable(plant: Plant) -> None:
     drive = plant.power_on()
-    client = plant.connect()
-    plant.online()
+    client = plant.connected()
     drive.do(lambda node: node.write(node.entry(0x1017, 0), 0))
     site.wait_for(lambda: client.status is DriveStatus.LOST, "lost")
     assert client.status_text.startswith("no heartbeat for 300 ms while its TPDOs arrive; check the firmware")
@@ -480,8 +454,7 @@ def test_stopped_heartbeat_is_distinguished_from_a_cut_cable(plant: Plant) -> No
 
 def test_loss_of_the_heartbeat_is_reported_once(plant: Plant) -> None:
     drive = plant.power_on()
-    plant.connect(heartbeat_ms=20, heartbeat_factor=5)
-    plant.online()
+    plant.connected(heartbeat_ms=20, heartbeat_factor=5)
     starts = _starts(plant)
     drive.do(lambda node: node.misbehave("heartbeat-stops"))
     site.wait_for(lambda: starts() >= 3, "brought up again and again", 60)
@@ -504,6 +477,5 @@ def test_heartbeat_from_before_nmt_start_does_not_count(plant: Plant) -> None:
     stuck = bytes((NmtState.PRE_OPERATIONAL,))
     send = drive.node.send
     drive.node.send = lambda can_id, data: send(can_id, stuck if can_id == 0x700 + NODE and data != b"\0" else data)
-    client = plant.connect()
-    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert "NMT state of node 4 after NMT start: 'Pre-operational' is not allowed" in client.status_text
+    plant.connect()
+    assert "NMT state of node 4 after NMT start: 'Pre-operational' is not allowed" in plant.refused()

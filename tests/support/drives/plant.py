@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import can
 
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.dsp402.drive.client import DriveClient, DriveEvent, DriveStatus
+from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.drive.objects import EDS_PATH
+from pdgw.peers.node.node import Value
 from tests.support.gateways import site
 
 NODE = 4
 
 
 class Plant:
-    """A client and a simulated drive on one bus; ``prepare`` changes the drive before it is switched on."""
+    """A client and a simulated drive on one bus."""
 
     def __init__(self, network: CanNetwork) -> None:
         self.network = network
@@ -27,10 +30,24 @@ class Plant:
         self.drive: SimulatedDrive | None = None
         self.client: DriveClient | None = None
 
-    def power_on(self, pdos: int = 5) -> SimulatedDrive:
-        self.drive = site.drive(NODE, pdos=pdos)
-        self.drive.start()
-        return self.drive
+    def power_on(
+        self,
+        kind: type[SimulatedDriveNode] | None = None,
+        values: Mapping[tuple[int, int], Value] | None = None,
+        *,
+        pdos: int = 5,
+        misbehaves: str = "",
+    ) -> SimulatedDrive:
+        """Switch the drive on. ``kind``: of another node; ``values``: of its objects; ``misbehaves``: from the start."""
+        self.drive = drive = site.drive(NODE, pdos=pdos)
+        if kind is not None:
+            drive.node = kind(NODE, drive._send)
+        drive.node.values |= values or {}
+        drive.node.pdos.map()
+        if misbehaves:
+            drive.node.misbehave(misbehaves)
+        drive.start()
+        return drive
 
     def connect(self, operation: Operation = Operation.VELOCITY, **settings: object) -> DriveClient:
         values: dict[str, object] = {"node_id": NODE, "sdo_timeout_ms": 200, "initial_mode": Mode.VELOCITY, **settings}
@@ -46,6 +63,34 @@ class Plant:
             lambda: client.status is DriveStatus.ONLINE and client.generation == generation,
             f"online ({client.status_text})",
         )
+
+    def connected(self, operation: Operation = Operation.VELOCITY, **settings: object) -> DriveClient:
+        """A client that is online. It switches the drive on if no test did."""
+        if self.drive is None:
+            self.power_on()
+        client = self.connect(operation, **settings)
+        self.online()
+        return client
+
+    def refused(self) -> str:
+        """Wait until the client refuses the drive. Return its status text."""
+        client = self.client
+        assert client is not None
+        site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+        return client.status_text
+
+    def hear(self, **values: int) -> None:
+        """Send Shutdown and other values, and wait until the drive has the Controlword and shows its new state."""
+        client, drive = self.client, self.drive
+        assert client is not None
+        assert drive is not None
+        command = DriveCommand()
+        command.controlword = 0x06
+        for name, value in values.items():
+            setattr(command, name, value)
+        client.send(command, 1)
+        site.wait_for(lambda: drive.model.controlword == 0x06, "the Controlword is heard")
+        site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
 
     def close(self) -> None:
         if self.client is not None:
