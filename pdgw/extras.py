@@ -13,6 +13,7 @@ EXTRA_OF: Mapping[str, str] = {
     "playwright": "browser",
     "prometheus_client": "web",
     "pyarrow": "parquet",
+    "scapy": "scapy",
     "starlette": "web",
     "uvicorn": "web",
 }

@@ -3,7 +3,7 @@
 Source: PROFIdrive profile 4.1 chapter 6.3, PROFIdrive encoder profile 4.1, the manufacturer's guide chapters 4.3 and 6; words
 of telegrams 4-6, 102-106, 110 and 111 from public manuals of drives and a public master, each with its ``Confidence``. Not
 here: signals that no telegram of this project carries, and supplementary telegrams. Codec, decoder, simulator, test
-strategies and documentation use this table for names, types and bits; ``words`` declares the bits.
+strategies, scapy layers and documentation use this table for names, types and bits; ``words`` declares the bits.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
 from packaging.requirements import Requirement
 
 from pdgw.extras import EXTRA_OF, missing
@@ -66,3 +67,11 @@ def test_each_extra_of_the_table_installs_its_package() -> None:
         names = {Requirement(text).name.partition("-")[0] for text in EXTRAS[extra]}
         assert package in names, (package, extra)
         assert missing(package).endswith(f"pip install 'profidrive-gateway[{extra}]'")
+
+
+def test_scapy_layers_without_scapy_name_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "pdgw.profidrive.scapy_layers"
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "scapy.contrib.pnio", None)
+    with pytest.raises(ImportError, match=re.escape("this needs scapy: pip install 'profidrive-gateway[scapy]'")):
+        __import__(name)

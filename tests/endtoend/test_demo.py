@@ -18,6 +18,7 @@ import yaml
 from scapy.layers.l2 import Ether
 from scapy.utils import RawPcapReader
 
+from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.demo.links import RECORD
 from pdgw.tools.recording.recorder import CAPTURE
@@ -25,7 +26,6 @@ from tests.support.buses import PATIENCE_S
 from tests.support.processes import demo_undisturbed, running, wait_for_text
 from tests.support.readers import tshark
 from tests.support.readers.captures import can_frames
-from tests.support.readers.scapy_layers import ProfidriveCyclic, bind
 
 pytestmark = pytest.mark.e2e
 

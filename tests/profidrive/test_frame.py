@@ -14,10 +14,10 @@ from scapy.utils import rdpcap, wrpcap
 
 from pdgw.profidrive import frame as rt
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind, cyclic_frame, field_name
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from tests.support.axis.strategies import axes_values
 from tests.support.readers import tshark
-from tests.support.readers.scapy_layers import ProfidriveCyclic, bind, cyclic_frame, field_name
 
 EXAMPLE = bytes.fromhex("C001 047F 2000 80 80") + bytes(34) + bytes.fromhex("0020 35 00")
 

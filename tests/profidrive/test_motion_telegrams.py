@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.profidrive.scapy_layers import telegram_layer
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, TelegramHalf, telegram
-from tests.support.readers.scapy_layers import telegram_layer
 
 _ENABLED = {"ON", "NO_COAST_STOP", "NO_QUICK_STOP", "ENABLE_OPERATION", "CONTROL_BY_PLC"}
 _TASK = {*_ENABLED, "DO_NOT_REJECT", "NO_INTERMEDIATE_STOP", "ACTIVATE_TASK"}

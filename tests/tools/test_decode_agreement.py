@@ -12,13 +12,13 @@ from scapy.layers.can import CAN
 from scapy.utils import PcapReader
 
 from pdgw.durations import MS
+from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.frames.canopen.can_records import EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.tools.decoder.frames.engine import Decoder, Settings, given_axes
 from pdgw.tools.decoder.frames.records import CyclicRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from tests.support.readers import captures, tshark
 from tests.support.readers.captures import BEGIN_NS
-from tests.support.readers.scapy_layers import ProfidriveCyclic, bind
 
 CANOPEN = ("-d", "can.subdissector,canopen")
 

@@ -21,6 +21,7 @@ from scapy.utils import PcapNgWriter, wrpcap
 
 from pdgw.ds301.bus.port import open_bus
 from pdgw.durations import MS
+from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.capture import live
 from pdgw.tools.decoder.capture.canlog import MAX_LINE, message_packet, read_candump
@@ -31,7 +32,6 @@ from pdgw.tools.decoder.frames.records import CyclicRecord
 from tests.support.buses import PATIENCE_S, channel
 from tests.support.readers import captures
 from tests.support.readers.captures import BEGIN_NS, CANOPEN
-from tests.support.readers.scapy_layers import cyclic_frame
 
 BOTH = captures.both_buses()
 PLC = [packet for packet in BOTH if packet[1] == captures.ETHERNET]

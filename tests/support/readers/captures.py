@@ -14,13 +14,13 @@ from scapy.utils import RawPcapNgReader
 
 from pdgw.durations import MS
 from pdgw.profidrive.frame import CYCLIC_PORT
+from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.profinet.rpc.records import RECORD_GLOBAL
 from pdgw.profinet.rpc.server import RecordServer
 from tests.support.readers.both_buses import block
-from tests.support.readers.scapy_layers import cyclic_frame
 
 BEGIN_NS = 1_700_000_000_123_456_000
 ETHERNET, SOCKETCAN = 1, 227

@@ -1,7 +1,7 @@
 """scapy layers for the cyclic frame with PROFIdrive telegrams: the readable reference beside the struct codec.
 
 Source: IEC 61158-6-10 by way of ``scapy.contrib.pnio`` (frame, IOPS/IOCS), telegram content generated from
-``profidrive.telegrams``. A capture does not name its telegrams, so ``bind`` needs
+``profidrive.telegrams``. Not used on the cyclic path. A capture does not name its telegrams, so ``bind`` needs
 them; it also replaces scapy's own cyclic layer on UDP, which needs an Ethernet header below it and rejects more than 12 bytes of
 padding.
 
@@ -15,21 +15,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from scapy.contrib.pnio import PNIORealTime_IOxS, PNIORealTimeCyclicPDU, ProfinetIO
-from scapy.fields import (
-    Field,
-    FlagsField,
-    IntField,
-    LongField,
-    ShortField,
-    SignedIntField,
-    SignedShortField,
-    StrField,
-)
-from scapy.layers.inet import UDP
-from scapy.layers.l2 import Ether
-from scapy.packet import Packet, Padding, bind_layers, split_layers
-
+from pdgw.extras import missing
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
@@ -45,6 +31,24 @@ from pdgw.profidrive.frame import (
 )
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, TelegramHalf, telegram
+
+try:
+    from scapy.contrib.pnio import PNIORealTime_IOxS, PNIORealTimeCyclicPDU, ProfinetIO
+    from scapy.fields import (
+        Field,
+        FlagsField,
+        IntField,
+        LongField,
+        ShortField,
+        SignedIntField,
+        SignedShortField,
+        StrField,
+    )
+    from scapy.layers.inet import UDP
+    from scapy.layers.l2 import Ether
+    from scapy.packet import Packet, Padding, bind_layers, split_layers
+except ModuleNotFoundError as error:
+    raise ImportError(missing("scapy"), name=error.name) from error
 
 _FIELD_OF_CHAR = {
     "h": SignedShortField,
