@@ -12,6 +12,7 @@ from typing import Protocol
 from pdgw.gateway.motion.positioner import ACTIVATE, HELD, HOME, Positioner
 from pdgw.gateway.motion.requests import (
     Command,
+    Goal,
     HomingResult,
     MotionKind,
     PositionerChoices,
@@ -19,7 +20,6 @@ from pdgw.gateway.motion.requests import (
     PositionerResult,
 )
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
-from pdgw.gateway.motion.travel import Goal
 from pdgw.gateway.reasons import Reason
 
 _UNLIMITED = 1 << 62

@@ -257,6 +257,33 @@ class MotionKind(enum.Enum):
     HOMING = "homing"
 
 
+@dataclass(slots=True, unsafe_hash=True)
+class Goal:
+    """A motion task; it survives intermediate stops. Replaced, never changed.
+
+    With continuous update there is one in each cycle: creating a frozen class would take three times as long.
+    """
+
+    kind: MotionKind
+    target: int
+    distance: int | None
+    """Relative, as long as no setpoint of it was given to the drive."""
+    velocity: int
+    """Signed for SPEED."""
+    acceleration: int
+    deceleration: int
+    scaled: bool = True
+    """The override scales the speed."""
+    torque: int | None = None
+    direction: Direction = Direction.SHORTEST
+    """For a drive that finds the way of a modulo axis itself."""
+    relative: bool = False
+    """The task is relative. A drive that finds the way itself gets the rest of it as another relative task."""
+
+
+_NO_GOAL: Final = Goal(MotionKind.STAND, 0, None, 0, 0, 0)
+
+
 @dataclass(slots=True, eq=False)
 class Motion:
     """The requested motion. A new ``serial`` is a new setpoint; each is sent once, and only the newest waits."""
@@ -265,15 +292,9 @@ class Motion:
     serial: int = 1
     first: int = 0
     """Serial of the first setpoint of the task; 0 until it is sent."""
-    target: int = 0
-    """Target of a position task."""
-    distance: int | None = None
-    """The task is relative to the position of the drive when it accepts the task."""
-    velocity: int = 0
-    """Signed for SPEED."""
+    goal: Goal = _NO_GOAL
+    """The task as it was when the setpoint was sent."""
     override: int = FULL
-    acceleration: int = FULL
-    deceleration: int = FULL
     immediate: bool = True
     """False: the setpoint waits in the drive for the end of the one that runs."""
     torque: int | None = None
@@ -281,9 +302,8 @@ class Motion:
 
     def forget(self) -> None:
         """Clear the data of a motion that is over. Its torque limit is cleared when the axis starts to brake."""
-        self.first = self.target = self.velocity = 0
-        self.distance = None
-        self.override = self.acceleration = self.deceleration = FULL
+        self.first, self.goal = 0, _NO_GOAL
+        self.override = FULL
         self.immediate = True
 
 

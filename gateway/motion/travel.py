@@ -14,6 +14,7 @@ from pdgw.durations import MS
 from pdgw.gateway.motion.requests import (
     FULL,
     Command,
+    Goal,
     Motion,
     MotionKind,
     PositionerChoices,
@@ -32,29 +33,6 @@ LIMIT_STANDING_NS: Final = 500 * MS
 stops it. A drive with a limited speed has left standstill by then.
 """
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
-
-
-@dataclass(slots=True, unsafe_hash=True)
-class Goal:
-    """A motion task; it survives intermediate stops. Replaced, never changed.
-
-    With continuous update there is one in each cycle: creating a frozen class would take three times as long.
-    """
-
-    kind: MotionKind
-    target: int
-    distance: int | None
-    """Relative, as long as no setpoint of it was given to the drive."""
-    velocity: int
-    acceleration: int
-    deceleration: int
-    scaled: bool = True
-    """The override scales the speed."""
-    torque: int | None = None
-    direction: Direction = Direction.SHORTEST
-    """For a drive that finds the way of a modulo axis itself."""
-    relative: bool = False
-    """The task is relative. A drive that finds the way itself gets the rest of it as another relative task."""
 
 
 @dataclass(slots=True, eq=False)
@@ -315,9 +293,8 @@ class Course:
     def _send(self, motion: Motion, goal: Goal, override: int) -> None:
         self.sent = motion.serial = serial = motion.serial + 1
         self.queued = 0
-        motion.kind, motion.target, motion.distance = goal.kind, goal.target, goal.distance
-        motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration
-        motion.override, motion.immediate, motion.torque = override, True, goal.torque
+        motion.kind, motion.goal, motion.torque = goal.kind, goal, goal.torque
+        motion.override, motion.immediate = override, True
         highest = self.choices.max_velocity * FULL
         self.result.speed_limited = self._limited or abs(goal.velocity) * override > highest
         if not motion.first:
@@ -336,20 +313,16 @@ class Course:
             return
         motion = self.result.motion
         motion.serial += 1
-        motion.target, motion.distance, motion.immediate = target, None, False
-        motion.velocity = min(velocity, self.choices.max_velocity)
-        motion.acceleration, motion.deceleration = acceleration, deceleration
+        motion.goal = Goal(
+            _POSITION, target, None, min(velocity, self.choices.max_velocity), acceleration, deceleration
+        )
+        motion.immediate = False
         self.queued = motion.serial
 
     def use_queued(self) -> None:
         """The drive has gone over to the setpoint that waited: it is the goal now."""
         motion = self.result.motion
-        self.aim(
-            Goal(
-                _POSITION,
-                *(motion.target, None, motion.velocity, motion.acceleration, motion.deceleration),
-            )
-        )
+        self.aim(motion.goal)
         self.sent = motion.serial
 
     def _detect_fixed_stop(self, now: int) -> None:

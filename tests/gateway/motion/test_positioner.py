@@ -74,7 +74,7 @@ def test_a_relative_task_goes_its_distance_once_over_stops_and_overrides() -> No
     rig.step(no_intermediate_stop=True)
     rig.settle()
     assert rig.position == 8000
-    assert len([motion for motion in rig.starts if motion.distance is not None]) == 1
+    assert len([motion for motion in rig.starts if motion.goal.distance is not None]) == 1
 
 
 def test_a_second_edge_replaces_the_task_with_its_own_data() -> None:
@@ -84,7 +84,7 @@ def test_a_second_edge_replaces_the_task_with_its_own_data() -> None:
     move(rig, target=-500, **ABSOLUTE)
     rig.settle()
     assert rig.position == -500
-    assert [motion.target for motion in rig.starts] == [8000, -500]
+    assert [motion.goal.target for motion in rig.starts] == [8000, -500]
 
 
 def test_an_edge_in_the_frame_that_ends_the_reject_starts() -> None:
@@ -305,7 +305,7 @@ def test_incremental_jog_goes_its_distance_once_for_each_edge(bit: str, distance
         rig.step(300)
         assert (rig.position, rig.result.state) == (count * distance, State.IDLE)
         rig.step(3, **{bit: False})
-    assert [motion.distance for motion in rig.starts] == [distance] * 2
+    assert [motion.goal.distance for motion in rig.starts] == [distance] * 2
 
 
 def test_incremental_jog_whose_bit_is_taken_back_ramps_down() -> None:
@@ -433,7 +433,7 @@ def test_a_task_that_is_beyond_a_software_limit_when_it_becomes_active_stops() -
     rig.step(software_limits=True)
     assert rig.settle().warning is Reason.SOFTWARE_LIMIT
     assert beyond < rig.position < 20_000
-    assert not rig.result.motion.target, "not back to the limit"
+    assert not rig.result.motion.goal.target, "not back to the limit"
 
 
 def test_a_software_limit_that_becomes_active_also_counts_for_a_waiting_setpoint() -> None:

@@ -145,21 +145,22 @@ class PositionerRig:
         self._begin(motion)
 
     def _begin(self, motion: Motion) -> None:
-        if motion.distance is not None:
-            motion.target = self.seen.position + motion.distance
+        goal = motion.goal
+        if goal.distance is not None:
+            motion.goal = replace(goal, target=self.seen.position + goal.distance)
         self.running, self.waiting = motion, None
         self.seen.executing = motion.serial
         self.seen.reached = False
         self.seen.homing = HomingResult.RUNNING
 
     def _at_target(self) -> bool:
-        return self.running.kind is MotionKind.POSITION and self.seen.position == self.running.target
+        return self.running.kind is MotionKind.POSITION and self.seen.position == self.running.goal.target
 
     def _limit(self) -> int:
         """Speed of the running motion in LU per cycle."""
         motion = self.running
         override = motion.override if motion.serial == self.seen.taken else FULL
-        return abs(motion.velocity) * 1000 * override * (CYCLE // 1_000_000) // (FULL * 60_000)
+        return abs(motion.goal.velocity) * 1000 * override * (CYCLE // 1_000_000) // (FULL * 60_000)
 
     def _move(self, wish: Motion) -> None:
         seen, motion = self.seen, self.running
@@ -167,12 +168,12 @@ class PositionerRig:
         if wish.kind is MotionKind.STAND or wish.kind is MotionKind.HOMING:
             wanted = 0
         elif motion.kind is MotionKind.SPEED:
-            wanted = self._limit() * (1 if motion.velocity > 0 else -1)
+            wanted = self._limit() * (1 if motion.goal.velocity > 0 else -1)
         elif motion.kind is MotionKind.POSITION:
-            wanted = self._toward(motion.target - seen.position)
+            wanted = self._toward(motion.goal.target - seen.position)
         self.speed += max(-RAMP, min(wanted - self.speed, RAMP))
         if motion.kind is MotionKind.POSITION and wish.kind is MotionKind.POSITION:
-            rest = motion.target - seen.position
+            rest = motion.goal.target - seen.position
             if abs(rest) <= RAMP and abs(self.speed) <= 2 * RAMP:
                 self.speed = rest
         if self.stop_at is not None and (seen.position + self.speed) > self.stop_at:

@@ -297,9 +297,10 @@ class PositionerExecutor(MotionExecutor):
 
     def _crosses(self, ring: Ring, motion: Motion, units: LengthUnits) -> bool:
         """A setpoint that was not given yet leads across an end of what the drive shows."""
-        if motion.kind is not MotionKind.POSITION or motion.distance is not None or motion.serial == self._seen.given:
+        goal = motion.goal
+        if motion.kind is not MotionKind.POSITION or goal.distance is not None or motion.serial == self._seen.given:
             return False
-        return ring.target(units.to_drive(motion.target)) is None
+        return ring.target(units.to_drive(goal.target)) is None
 
     def _slow_down(self) -> int:
         """Decelerate to standstill in the present mode."""
@@ -336,14 +337,14 @@ class PositionerExecutor(MotionExecutor):
         return HALT
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
-        command, (_, highest_acceleration, highest_deceleration) = self.command, self._limits
-        acceleration = min(units.acceleration(motion.acceleration), highest_acceleration)
-        deceleration = min(units.deceleration(motion.deceleration), highest_deceleration)
+        command, goal, (_, highest_acceleration, highest_deceleration) = self.command, motion.goal, self._limits
+        acceleration = min(units.acceleration(goal.acceleration), highest_acceleration)
+        deceleration = min(units.deceleration(goal.deceleration), highest_deceleration)
         command.profile_acceleration = min(acceleration, deceleration) if self._one_ramp else acceleration
         command.profile_deceleration = deceleration
 
     def _velocity(self, motion: Motion, units: LengthUnits) -> int:
-        wanted, highest = units.velocity(motion.velocity, motion.override), self._limits[0]
+        wanted, highest = units.velocity(motion.goal.velocity, motion.override), self._limits[0]
         limited = max(-highest, min(wanted, highest))
         if limited != wanted:
             self.outputs.saturations += 1
@@ -367,8 +368,9 @@ class PositionerExecutor(MotionExecutor):
         command = self.command
         self._set_ramps(motion, units)
         command.profile_velocity = self._velocity(motion, units)
-        relative = motion.distance is not None
-        target = units.to_drive(motion.target if motion.distance is None else motion.distance)
+        goal = motion.goal
+        relative = goal.distance is not None
+        target = units.to_drive(goal.target if goal.distance is None else goal.distance)
         ring = self._ring
         if ring is not None and not relative:
             inside = ring.target(target)

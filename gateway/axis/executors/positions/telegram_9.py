@@ -16,9 +16,8 @@ from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
 from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, MotionKind, PositionerRequest
+from pdgw.gateway.motion.requests import NOTHING, Command, Goal, HomingResult, Motion, MotionKind, PositionerRequest
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.motion.travel import Goal
 from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
 
