@@ -10,14 +10,8 @@ from typing import Final, overload
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
 from pdgw.gateway.axis.adapters.adapter import Adapter
-from pdgw.gateway.axis.adapters.position_words import (
-    BlockAdapter,
-    FloatAdapter,
-    PositioningAdapter,
-    SelectionAdapter,
-    WideAdapter,
-)
-from pdgw.gateway.axis.adapters.speed_words import DscAdapter, LoadAdapter, SpeedAdapter, WideSpeedAdapter
+from pdgw.gateway.axis.adapters.position_words import BasicPositionerAdapter, PositioningAdapter
+from pdgw.gateway.axis.adapters.speed_words import DscAdapter, SpeedAdapter, WideSpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.errors import GatewayError
@@ -215,19 +209,14 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
 def _adapter(kind: Kind, chosen: Telegram, settings: AxisSettings) -> Adapter:
     if kind is Kind.DSC:
         return DscAdapter(chosen, settings)
-    if kind is Kind.LOAD:
-        return LoadAdapter(chosen, settings)
-    if kind is Kind.SPEED or kind is Kind.TORQUE:
-        wide = {"MOMRED", "G2_STW"} & set(chosen.setpoints.names)
-        return WideSpeedAdapter(chosen, settings) if wide else SpeedAdapter(chosen, settings)
+    if kind is Kind.SPEED and "G2_STW" not in chosen.setpoints.names:
+        return SpeedAdapter(chosen, settings)
+    if kind in (Kind.SPEED, Kind.LOAD, Kind.TORQUE):
+        return WideSpeedAdapter(chosen, settings)
     if kind is Kind.POSITIONING:
         return PositioningAdapter(chosen, settings)
     if kind is Kind.POSITIONER:
-        if chosen.number in FLOAT_TELEGRAM_NUMBERS:
-            return FloatAdapter(chosen, settings)
-        if "POS_STW1" in chosen.setpoints.names:
-            return WideAdapter(chosen, settings)
-        return (SelectionAdapter if "POS_STW" in chosen.setpoints.names else BlockAdapter)(chosen, settings)
+        return BasicPositionerAdapter(chosen, settings)
     return TransparentAdapter(chosen)
 
 

@@ -141,84 +141,19 @@ class PositionerAdapter(ControlWordAdapter):
         """Values that are not bits of a control word."""
 
 
-class BlockAdapter(PositionerAdapter):
-    """Telegram 7: traversing blocks alone. It has no MDI: this bit selects a task that cannot be executed (speed 0)."""
+class _MdiValues:
+    """STW2, OVERRIDE and the setpoints of MDI, and the words that show them."""
 
-    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings)
-        self._aktsatz = self.actual("AKTSATZ")
-        self._has_mdi = "MDI_TARPOS" in telegram.setpoints.names
-
-    def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = self.status(report.flags) & _OWN
-        result = report.motion
-        if result is not None:
-            active = _ACTIVE_MDI if _mode(result, self.request) in _MDI_STATES and self._has_mdi else 0
-            actuals[self._aktsatz] = result.block & _ACTIVE_BLOCK | active
-
-
-class _FloatValues:
-    """The same of telegram 112, in the user's unit of length; a value that is not a number is a task with speed 0, which is
-    rejected."""
-
-    def __init__(self, adapter: Adapter, choices: PositionerChoices) -> None:
-        self._stw2 = adapter.setpoint("STW2")
-        self._override = adapter.setpoint("OVERRIDE")
-        self._first = adapter.setpoint("MDI_TARPOS_F", "MDI_VELOCITY_F", "MDI_ACC_F", "MDI_DEC_F")
-        self._reference = adapter.setpoint("REF_COORDINATE")
-        self._zsw2 = adapter.actual("ZSW2")
-        self._message = adapter.actual("MELDW")
-        self._position = adapter.actual("XIST_F")
-        self._speed = adapter.actual("VIST_F")
-        self._lu = choices.lu_per_unit
-        self._minutes = 60 if choices.units_per_second else 1
-        """Factor to velocities per minute."""
-
-    def read(self, setpoints: Sequence[int], request: PositionerRequest) -> None:
-        request.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
-        request.override = max(0, setpoints[self._override])
-        first = self._first
-        target, velocity, acceleration, deceleration = (float_of(pattern) for pattern in setpoints[first : first + 4])
-        request.target = _whole(target, self._lu)
-        request.velocity = max(0, _whole(velocity, self._lu * self._minutes, LU_PER_VELOCITY_UNIT))
-        request.acceleration, request.deceleration = _share(acceleration), _share(deceleration)
-        if not all(map(isfinite, (target, velocity, acceleration, deceleration))):
-            request.velocity = 0
-        reference = float_of(setpoints[self._reference])
-        request.reference_coordinate = _whole(reference, self._lu) if isfinite(reference) else None
-
-    def write(self, report: Report, result: PositionerResult, actuals: list[int]) -> None:
-        actuals[self._position] = float_pattern(result.position / self._lu)
-        actuals[self._speed] = float_pattern(report.length_speed / (self._lu * self._minutes))
-        actuals[self._message] = report.message
-        if result.to_fixed_stop:
-            actuals[self._zsw2] |= _SHOWN_FIXED_STOP
-
-
-def _whole(value: float, factor: int, divisor: int = 1) -> int:
-    """A number times ``factor`` / ``divisor``, rounded to nearest; 0 for an invalid number."""
-    if not isfinite(value):
-        return 0
-    numerator, denominator = value.as_integer_ratio()
-    return round_half_away(numerator * factor, denominator * divisor)
-
-
-def _share(percent: float) -> int:
-    """Percent as N2, 0 to 200 %."""
-    low, high = 0, DataType.N2.integer_range[1]
-    return max(low, min(_whole(percent, N2_100_PERCENT, 100), high))
-
-
-class _ValuesOfMdi:
-    """Places of STW2, OVERRIDE and the setpoints of MDI, and the words that show them."""
+    NAMES: ClassVar[tuple[str, ...]] = ("MDI_TARPOS", "MDI_VELOCITY", "MDI_ACC", "MDI_DEC")
+    POSITION: ClassVar[str] = "XIST_A"
 
     def __init__(self, adapter: Adapter) -> None:
         self._stw2 = adapter.setpoint("STW2")
         self._override = adapter.setpoint("OVERRIDE")
-        self._first = adapter.setpoint("MDI_TARPOS", "MDI_VELOCITY", "MDI_ACC", "MDI_DEC")
+        self._first = adapter.setpoint(*self.NAMES)
         self._zsw2 = adapter.actual("ZSW2")
         self._message = adapter.actual("MELDW")
-        self._position = adapter.actual("XIST_A")
+        self._position = adapter.actual(self.POSITION)
 
     def read(self, setpoints: Sequence[int], request: PositionerRequest) -> None:
         request.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
@@ -236,65 +171,99 @@ class _ValuesOfMdi:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
 
 
-class SelectionAdapter(BlockAdapter):
-    """Telegram 110: SATZANW, POS_STW and MDI_MOD."""
+class _FloatValues(_MdiValues):
+    """The same of telegram 112, in the user's unit of length; a value that is not a number is a task with speed 0, which is
+    rejected. GatewayError without the unit."""
+
+    NAMES: ClassVar[tuple[str, ...]] = ("MDI_TARPOS_F", "MDI_VELOCITY_F", "MDI_ACC_F", "MDI_DEC_F")
+    POSITION: ClassVar[str] = "XIST_F"
+
+    def __init__(self, adapter: Adapter, choices: PositionerChoices | None) -> None:
+        if choices is None or not choices.lu_per_unit:
+            raise GatewayError("lu_per_unit is missing: telegram 112 needs lu_per_unit and velocity_per")
+        super().__init__(adapter)
+        self._reference = adapter.setpoint("REF_COORDINATE")
+        self._speed = adapter.actual("VIST_F")
+        self._lu = choices.lu_per_unit
+        self._minutes = 60 if choices.units_per_second else 1
+        """Factor to velocities per minute."""
+
+    def read(self, setpoints: Sequence[int], request: PositionerRequest) -> None:
+        super().read(setpoints, request)
+        first = self._first
+        target, velocity, acceleration, deceleration = (float_of(pattern) for pattern in setpoints[first : first + 4])
+        request.target = _whole(target, self._lu)
+        request.velocity = max(0, _whole(velocity, self._lu * self._minutes, LU_PER_VELOCITY_UNIT))
+        request.acceleration, request.deceleration = _share(acceleration), _share(deceleration)
+        if not all(map(isfinite, (target, velocity, acceleration, deceleration))):
+            request.velocity = 0
+        reference = float_of(setpoints[self._reference])
+        request.reference_coordinate = _whole(reference, self._lu) if isfinite(reference) else None
+
+    def write(self, report: Report, result: PositionerResult, actuals: list[int]) -> None:
+        super().write(report, result, actuals)
+        actuals[self._position] = float_pattern(result.position / self._lu)
+        actuals[self._speed] = float_pattern(report.length_speed / (self._lu * self._minutes))
+
+
+def _whole(value: float, factor: int, divisor: int = 1) -> int:
+    """A number times ``factor`` / ``divisor``, rounded to nearest; 0 for an invalid number."""
+    if not isfinite(value):
+        return 0
+    numerator, denominator = value.as_integer_ratio()
+    return round_half_away(numerator * factor, denominator * divisor)
+
+
+def _share(percent: float) -> int:
+    """Percent as N2, 0 to 200 %."""
+    low, high = 0, DataType.N2.integer_range[1]
+    return max(low, min(_whole(percent, N2_100_PERCENT, 100), high))
+
+
+class BasicPositionerAdapter(PositionerAdapter):
+    """Telegrams 7 and 110 to 112: the words of a positioner, as far as the telegram has them.
+
+    Telegram 7 has blocks alone: its bit MDI selects a task that cannot be executed (speed 0).
+    """
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self._mdi = _ValuesOfMdi(self)
+        self._mdi: _MdiValues | None = None
+        if "MDI_TARPOS" in telegram.setpoints.names:
+            self._mdi = _MdiValues(self)
+        elif "MDI_TARPOS_F" in telegram.setpoints.names:
+            self._mdi = _FloatValues(self, settings.positioner)
+        self._aktsatz = self.actual("AKTSATZ")
         self._pos_zsw = self.actual("POS_ZSW")
-
-    def read_values(self, setpoints: Sequence[int]) -> None:
-        self._mdi.read(setpoints, self.request)
-
-    def write(self, report: Report, actuals: list[int]) -> None:
-        super().write(report, actuals)
-        result = report.motion
-        if result is not None:
-            self._mdi.write(report, result, actuals)
-            actuals[self._pos_zsw] = _second(result, report.speed) & _POS_ZSW
-
-
-class WideAdapter(PositionerAdapter):
-    """Telegram 111: POS_STW1 and POS_STW2, speed and numbers of faults and warnings."""
-
-    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings)
-        self._mdi = self._values(settings)
         self._pos_zsw1 = self.actual("POS_ZSW1", "POS_ZSW2")
         self._speed = self.actual("NIST_B")
         self._codes = self.actual("FAULT_CODE", "WARN_CODE")
 
-    def _values(self, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
-        return _ValuesOfMdi(self)
-
     def read_values(self, setpoints: Sequence[int]) -> None:
-        self._mdi.read(setpoints, self.request)
+        if self._mdi is not None:
+            self._mdi.read(setpoints, self.request)
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags) & _OWN
-        result = report.motion
+        result, mdi, speed = report.motion, self._mdi, report.speed
         if result is None:
             return
-        self._mdi.write(report, result, actuals)
-        speed = report.speed
+        if mdi is not None:
+            mdi.write(report, result, actuals)
+        if self._aktsatz >= 0:
+            active = _ACTIVE_MDI if mdi is not None and _mode(result, self.request) in _MDI_STATES else 0
+            actuals[self._aktsatz] = result.block & _ACTIVE_BLOCK | active
+        if self._pos_zsw >= 0:
+            actuals[self._pos_zsw] = _second(result, speed) & _POS_ZSW
+        first = self._pos_zsw1
+        if first >= 0:
+            actuals[first], actuals[first + 1] = _first(result, self.request), _second(result, speed)
         if self._speed >= 0:
             actuals[self._speed] = speed
-        first = self._pos_zsw1
-        actuals[first], actuals[first + 1] = _first(result, self.request), _second(result, speed)
         first = self._codes
-        actuals[first] = report.fault_code if report.flags & _FAULT else 0
-        actuals[first + 1] = report.warning_code
-
-
-class FloatAdapter(WideAdapter):
-    """Telegram 112: as 111, with numbers in a unit of length. GatewayError without the unit."""
-
-    def _values(self, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
-        choices = settings.positioner
-        if choices is None or not choices.lu_per_unit:
-            raise GatewayError("lu_per_unit is missing: telegram 112 needs lu_per_unit and velocity_per")
-        return _FloatValues(self, choices)
+        if first >= 0:
+            actuals[first] = report.fault_code if report.flags & _FAULT else 0
+            actuals[first + 1] = report.warning_code
 
 
 def _mode(result: PositionerResult, request: PositionerRequest) -> State:

@@ -70,25 +70,12 @@ class SpeedAdapter(ControlWordAdapter):
             actuals[first], actuals[first + 1], actuals[first + 2] = report.sensor
 
 
-class LoadAdapter(SpeedAdapter):
-    """Telegram 20: current, torque, power and the NAMUR word after the speed."""
-
-    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings)
-        self._current = self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR")
-
-    def write(self, report: Report, actuals: list[int]) -> None:
-        super().write(report, actuals)
-        first = self._current
-        actuals[first], actuals[first + 1], actuals[first + 2] = report.load
-        actuals[first + 3] = report.namur
-
-
 class WideSpeedAdapter(SpeedAdapter):
-    """The longer telegrams 4, 102 and 103: torque reduction, message word and a second sensor, where they have them."""
+    """The longer telegrams: values of the motor (20), torque reduction and message word (102, 103), a second sensor (4, 103)."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
+        self._load = self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR")
         self._torque = self.setpoint("MOMRED")
         self._message = self.actual("MELDW")
         self._g2_stw = self.setpoint("G2_STW")
@@ -104,6 +91,10 @@ class WideSpeedAdapter(SpeedAdapter):
 
     def write(self, report: Report, actuals: list[int]) -> None:
         super().write(report, actuals)
+        first = self._load
+        if first >= 0:
+            actuals[first], actuals[first + 1], actuals[first + 2] = report.load
+            actuals[first + 3] = report.namur
         if self._message >= 0:
             actuals[self._message] = report.message
         first = self._g2_zsw
