@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, overload
+from typing import Final
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
@@ -78,7 +78,7 @@ DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
 }
 
 
-class Numbers(Sequence[int]):
+class Numbers(Collection[int]):
     """Numbers of drive telegrams with a property, in their order; a user's own ones too, as soon as they are known."""
 
     def __init__(self, having: Callable[[int], bool]) -> None:
@@ -92,13 +92,6 @@ class Numbers(Sequence[int]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
-
-    @overload
-    def __getitem__(self, place: int) -> int: ...
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[int]: ...
-    def __getitem__(self, place: int | slice) -> int | Sequence[int]:
-        return tuple(self)[place]
 
 
 def _has(signal_name: str) -> Callable[[int], bool]:
