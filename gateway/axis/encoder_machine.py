@@ -94,7 +94,8 @@ class EncoderMachine:
         self._node = NodeWatch(self.outputs)
         self._acknowledgement = Acknowledgement()
         self._speed: Normalisation | None = None
-        self._usable = False
+        self.usable = False
+        """The encoder is known: its references were read and can be used."""
         self._sensor_word: int | None = None
         self._sign_of_life_failed = False
         self._preset: SdoWrite | None = None
@@ -103,7 +104,7 @@ class EncoderMachine:
 
     def set_references(self, references: EncoderReferences | None) -> None:
         """Set new reference values. Impossible values refuse operation; the next step reports fault 104."""
-        self._usable = False
+        self.usable = False
         self._speed = self._refused = None
         self.channel.set_references(None)
         if references is None:
@@ -116,12 +117,7 @@ class EncoderMachine:
         except ProfidriveError as error:
             self._refused = error
             return
-        self._usable = True
-
-    @property
-    def usable(self) -> bool:
-        """The encoder is known: its references were read and can be used."""
-        return self._usable
+        self.usable = True
 
     @property
     def in_error(self) -> bool:
@@ -169,7 +165,7 @@ class EncoderMachine:
         elif control.has_control:
             self._sensor_word = adapter.sensor
         values = channel.step(self._sensor_word, source, ok, now, self._sign_of_life_error())
-        if not ok or not self._usable:
+        if not ok or not self.usable:
             status |= _FAULT
         speed = self._normalised(channel.speed(source, ok, now)) if self._speed is not None else 0
         adapter.write(status, values, channel.sensor.xist3, speed, outputs.actuals)
@@ -244,7 +240,7 @@ class EncoderMachine:
     def _reason(self, ok: bool) -> Reason | None:
         if not ok:
             return Reason.ENCODER_OFFLINE
-        if not self._usable:
+        if not self.usable:
             return Reason.REFERENCE_INVALID
         if self.adapter.control is None:
             return Reason.ENCODER_NO_PLC

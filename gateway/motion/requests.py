@@ -18,17 +18,9 @@ from pdgw.profidrive.signals import signal
 # Source: drive manuals (one source for the bits of MELDW, none for the scaling of MOMRED: docs/telegrams.md "Sources").
 
 
-_MELDW = signal("MELDW")
-_RAMP_COMPLETED = _MELDW.bit("RAMP_COMPLETED").mask
-_TORQUE_BELOW = _MELDW.bit("TORQUE_BELOW_THRESHOLD").mask
-_SPEED_BELOW_3 = _MELDW.bit("SPEED_BELOW_THRESHOLD_3").mask
-_SPEED_BELOW_2 = _MELDW.bit("SPEED_BELOW_THRESHOLD_2").mask
-_NO_MOTOR_OVERTEMPERATURE = _MELDW.bit("NO_MOTOR_OVERTEMPERATURE").mask
-_NO_STAGE_OVERTEMPERATURE = _MELDW.bit("NO_POWER_STAGE_OVERTEMPERATURE").mask
-SPEED_WITHIN_TOLERANCE: Final = _MELDW.bit("SPEED_WITHIN_TOLERANCE").mask
-_AT_SPEED = SPEED_WITHIN_TOLERANCE | _RAMP_COMPLETED
-_ENABLED = _MELDW.bit("CONTROLLER_ENABLED").mask | _MELDW.bit("PULSES_ENABLED").mask
-_READY = _MELDW.bit("DRIVE_READY").mask
+_MELDW = {bit.name: bit.mask for bit in signal("MELDW").bits}
+SPEED_WITHIN_TOLERANCE: Final = _MELDW["SPEED_WITHIN_TOLERANCE"]
+_AT_SPEED = SPEED_WITHIN_TOLERANCE | _MELDW["RAMP_COMPLETED"]
 
 
 def reduced_torque(base: int, momred: int) -> int:
@@ -96,36 +88,43 @@ class MessageWord:
         self._speed_2 = reference * _SPEED_2_PERCENT // 100
 
     @staticmethod
-    def states(*, enabled: bool, ready: bool, motor_hot: bool = False, stage_hot: bool = False) -> int:
-        """The bits of the word that no value decides.
+    def states(*, enabled: bool, ready: bool) -> int:
+        """The bits of the state. ``enabled``: operation enabled or quick stop active; ``ready``: no fault and not switch on
+        disabled."""
+        word = _MELDW["CONTROLLER_ENABLED"] | _MELDW["PULSES_ENABLED"] if enabled else 0
+        return word | _MELDW["DRIVE_READY"] if ready else word
 
-        ``enabled``: operation enabled or quick stop active; ``ready``: no fault and not switch on disabled; ``motor_hot``,
-        ``stage_hot``: that fault is present.
-        """
-        word = 0 if motor_hot else _NO_MOTOR_OVERTEMPERATURE
-        if not stage_hot:
-            word |= _NO_STAGE_OVERTEMPERATURE
-        if enabled:
-            word |= _ENABLED
-        return word | _READY if ready else word
-
-    def word(self, velocity: int, demand: int, torque: int, states: int, *, target_reached: bool) -> int:
+    def word(
+        self,
+        velocity: int,
+        demand: int,
+        torque: int,
+        states: int,
+        *,
+        target_reached: bool,
+        motor_hot: bool = False,
+        stage_hot: bool = False,
+    ) -> int:
         """The word of this cycle.
 
         ``velocity`` 606Ch, ``demand`` 606Bh, ``torque`` 6077h; ``states``: what ``states`` says; ``target_reached``:
-        Statusword.10.
+        Statusword.10; ``motor_hot``, ``stage_hot``: that fault is present.
         """
         word = states
+        if not motor_hot:
+            word |= _MELDW["NO_MOTOR_OVERTEMPERATURE"]
+        if not stage_hot:
+            word |= _MELDW["NO_POWER_STAGE_OVERTEMPERATURE"]
         tolerance = self._tolerance
         if -tolerance <= velocity - demand <= tolerance:
             word |= _AT_SPEED if target_reached else SPEED_WITHIN_TOLERANCE
         if -self._torque < torque < self._torque:
-            word |= _TORQUE_BELOW
+            word |= _MELDW["TORQUE_BELOW_THRESHOLD"]
         if velocity < 0:
             velocity = -velocity
         if velocity <= self._speed_2:
-            word |= _SPEED_BELOW_2
-        return word | _SPEED_BELOW_3 if velocity < self._speed_3 else word
+            word |= _MELDW["SPEED_BELOW_THRESHOLD_2"]
+        return word | _MELDW["SPEED_BELOW_THRESHOLD_3"] if velocity < self._speed_3 else word
 
 
 # Inputs and outputs of the positioner, as values.

@@ -38,39 +38,21 @@ _CONTROL_WORDS = ("STW1", "SATZANW", "POS_STW", "POS_STW1", "POS_STW2", "MDI_MOD
 _COMMANDS = Command.__members__
 _LIMITS = Command.SOFTWARE_LIMITS | Command.HARDWARE_LIMITS
 
-_POS_ZSW1 = signal("POS_ZSW1")
-_NEGATIVE_LIMIT = _POS_ZSW1.bit("NEGATIVE_HARDWARE_LIMIT").mask
-_POSITIVE_LIMIT = _POS_ZSW1.bit("POSITIVE_HARDWARE_LIMIT").mask
-_JOGGING = _POS_ZSW1.bit("JOGGING").mask
-_HOMING = _POS_ZSW1.bit("HOMING").mask
-_PASSIVE_HOMING = _POS_ZSW1.bit("PASSIVE_HOMING").mask
+_FIRST = {bit.name: bit.mask for bit in signal("POS_ZSW1").bits}
+_SECOND = {bit.name: bit.mask for bit in signal("POS_ZSW2").bits}
 _FUNCTION = dict.fromkeys(State, 0) | {
-    State.BLOCK: _POS_ZSW1.bit("BLOCK_MODE").mask,
-    State.SETTING_UP: _POS_ZSW1.bit("SETTING_UP").mask,
-    State.MDI: _POS_ZSW1.bit("MDI_ACTIVE").mask,
+    State.BLOCK: _FIRST["BLOCK_MODE"],
+    State.SETTING_UP: _FIRST["SETTING_UP"],
+    State.MDI: _FIRST["MDI_ACTIVE"],
 }
 """POS_ZSW1 bits of the displayed state,"""
-_RUNNING = dict.fromkeys(State, 0) | dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _JOGGING)
+_RUNNING = dict.fromkeys(State, 0) | dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _FIRST["JOGGING"])
 """and of the one that is."""
 _MDI_STATES = (State.MDI, State.SETTING_UP)
 _SELECTABLE = (State.IDLE, State.BRAKING)
 """Nothing else runs: the selected mode is shown."""
 _FAULT = _ZSW1.bit("FAULT").mask
-_STAND, _IN_TRACKING = MotionKind.STAND, State.TRACKING
-
-_POS_ZSW2 = signal("POS_ZSW2")
-_TRACKING = _POS_ZSW2.bit("TRACKING").mask
-_SPEED_LIMITED = _POS_ZSW2.bit("SPEED_LIMITED").mask
-_STATIONARY = _POS_ZSW2.bit("SETPOINT_STATIONARY").mask
-_SETPOINT_REACHED = _POS_ZSW2.bit("SETPOINT_REACHED").mask
-_FORWARD = _POS_ZSW2.bit("MOVES_FORWARD").mask
-_BACKWARD = _POS_ZSW2.bit("MOVES_BACKWARD").mask
-_LIMIT_MINUS = _POS_ZSW2.bit("SOFTWARE_LIMIT_MINUS").mask
-_LIMIT_PLUS = _POS_ZSW2.bit("SOFTWARE_LIMIT_PLUS").mask
-_OUTPUT_1 = _POS_ZSW2.bit("OUTPUT_1").position
-_FIXED_STOP = _POS_ZSW2.bit("FIXED_STOP_REACHED").mask | _POS_ZSW2.bit("CLAMPING_TORQUE_REACHED").mask
-_MOVING_TO_STOP = _POS_ZSW2.bit("TO_FIXED_STOP").mask
-_TRAVERSING = _POS_ZSW2.bit("TRAVERSING").mask
+_OUTPUT_1 = signal("POS_ZSW2").bit("OUTPUT_1").position
 _POS_ZSW = sum(bit.mask for bit in signal("POS_ZSW").bits)
 """POS_ZSW is the low byte of POS_ZSW2 (a test)."""
 _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
@@ -279,36 +261,34 @@ def _first(result: PositionerResult, request: PositionerRequest) -> int:
     """The value of POS_ZSW1."""
     word = result.block | _FUNCTION[_mode(result, request)] | _RUNNING[result.state]
     if result.homing:
-        word |= _HOMING
+        word |= _FIRST["HOMING"]
     if result.probe:
-        word |= _PASSIVE_HOMING
+        word |= _FIRST["PASSIVE_HOMING"]
     if result.negative_limit:
-        word |= _NEGATIVE_LIMIT
-    return word | _POSITIVE_LIMIT if result.positive_limit else word
+        word |= _FIRST["NEGATIVE_HARDWARE_LIMIT"]
+    return word | _FIRST["POSITIVE_HARDWARE_LIMIT"] if result.positive_limit else word
 
 
 def _second(result: PositionerResult, speed: int) -> int:
     """POS_ZSW2."""
     word = result.outputs << _OUTPUT_1
     if result.reached:
-        word |= _STATIONARY | _SETPOINT_REACHED
-    elif result.motion.kind is _STAND:
-        word |= _STATIONARY
+        word |= _SECOND["SETPOINT_STATIONARY"] | _SECOND["SETPOINT_REACHED"]
     else:
-        word |= _TRAVERSING
+        word |= _SECOND["SETPOINT_STATIONARY" if result.motion.kind is MotionKind.STAND else "TRAVERSING"]
     if not result.standing:
-        word |= _FORWARD if speed > 0 else _BACKWARD
-    if result.state is _IN_TRACKING:
-        word |= _TRACKING
+        word |= _SECOND["MOVES_FORWARD" if speed > 0 else "MOVES_BACKWARD"]
+    if result.state is State.TRACKING:
+        word |= _SECOND["TRACKING"]
     if result.speed_limited:
-        word |= _SPEED_LIMITED
+        word |= _SECOND["SPEED_LIMITED"]
     if result.at_minus:
-        word |= _LIMIT_MINUS
+        word |= _SECOND["SOFTWARE_LIMIT_MINUS"]
     if result.at_plus:
-        word |= _LIMIT_PLUS
+        word |= _SECOND["SOFTWARE_LIMIT_PLUS"]
     if result.to_fixed_stop:
-        word |= _MOVING_TO_STOP
-    return word | _FIXED_STOP if result.fixed_stop else word
+        word |= _SECOND["TO_FIXED_STOP"]
+    return word | _SECOND["FIXED_STOP_REACHED"] | _SECOND["CLAMPING_TORQUE_REACHED"] if result.fixed_stop else word
 
 
 # Telegram 9: positioning with MDI and homing.

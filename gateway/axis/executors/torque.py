@@ -63,23 +63,10 @@ _ENABLED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _READY_STATES = (*_ENABLED_STATES, State.SWITCHED_ON, State.READY_TO_SWITCH_ON)
 
 
-def _message_states(*, motor_hot: bool, stage_hot: bool) -> tuple[int, ...]:
-    """By the Statusword under ``STATE_MASK``."""
-    return tuple(
-        MessageWord.states(
-            enabled=state in _ENABLED_STATES,
-            ready=state in _READY_STATES,
-            motor_hot=motor_hot,
-            stage_hot=stage_hot,
-        )
-        for state in STATE_OF_STATUS
-    )
-
-
 _MESSAGE_STATES = tuple(
-    tuple(_message_states(motor_hot=motor_hot, stage_hot=stage_hot) for stage_hot in (False, True))
-    for motor_hot in (False, True)
+    MessageWord.states(enabled=state in _ENABLED_STATES, ready=state in _READY_STATES) for state in STATE_OF_STATUS
 )
+"""By the Statusword under ``STATE_MASK``."""
 _TARGET_REACHED = StatusBit.TARGET_REACHED
 
 
@@ -95,8 +82,10 @@ def message_of(message: MessageWord, feedback: DriveFeedback, outputs: Outputs) 
         feedback.velocity_actual,
         feedback.velocity_demand,
         feedback.current_actual,
-        _MESSAGE_STATES[outputs.motor_hot][outputs.stage_hot][statusword & STATE_MASK],
+        _MESSAGE_STATES[statusword & STATE_MASK],
         target_reached=statusword & _TARGET_REACHED != 0,
+        motor_hot=outputs.motor_hot,
+        stage_hot=outputs.stage_hot,
     )
 
 

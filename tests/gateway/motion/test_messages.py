@@ -14,9 +14,8 @@ WORD = MessageWord(6000)
 
 
 def names(velocity: int = 0, demand: int = 0, torque: int = 0, **flags: bool) -> set[str]:
-    target_reached = flags.pop("target_reached", False)
-    states = WORD.states(**{"enabled": False, "ready": False} | flags)
-    word = WORD.word(velocity, demand, torque, states, target_reached=target_reached)
+    states = WORD.states(enabled=flags.pop("enabled", False), ready=flags.pop("ready", False))
+    word = WORD.word(velocity, demand, torque, states, **{"target_reached": False} | flags)
     fields = signal("MELDW").bits
     assert not word & ~sum(field.mask for field in fields)
     return {field.name for field in fields if field.of(word)}
