@@ -585,7 +585,7 @@ class Reason(enum.Enum):
         "remove the cause; then acknowledge (STW2_ENC.7)",
     )
     TASK_VELOCITY = (
-        "velocity x OVERRIDE of the task is below 100 %, and the drive has no 6081h: only 100 %, its own velocity, is possible",
+        "velocity x OVERRIDE of the task is below 100 %, the only velocity of this drive (no 6081h)",
         _S.WAITS,
         _E.SETPOINT,
         "set the velocity of the task to 100 % (max_velocity) and OVERRIDE to 4000h (100 %); then send a new task",
