@@ -270,7 +270,7 @@ class NodeClient(abc.ABC, Generic[S]):
             if self._moved_emcy:
                 network.unsubscribe(self._moved_emcy, self._on_emcy)
 
-    def _change(self, layout: PdoLayout, settings: S) -> None:
+    def reconfigure(self, layout: PdoLayout, settings: S) -> None:
         """Map other PDOs with other settings; the device must not be in operation."""
         self._sending = False
         self.layout = layout

@@ -133,10 +133,6 @@ class DriveClient(NodeClient[DriveSettings]):
         self._is_off = False
         """The drive was without power when it was found."""
 
-    def reconfigure(self, layout: PdoLayout, settings: DriveSettings) -> None:
-        """Another layout: map the PDOs again; the drive must not be in operation."""
-        self._change(layout, settings)
-
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def send(self, command: DriveCommand, now: int, *, stop: bool = False) -> None:
