@@ -258,7 +258,7 @@ class Daemon:
                 "last online"
             )
         plc = self.link.peer_host
-        if self.link.connected and asked_by is not None and asked_by != plc:
+        if plc is not None and asked_by not in (None, plc):
             raise GatewayError(
                 f"{changed.label}: {plc} is connected, and its frame would not fit any more; only the PLC may "
                 f"change a telegram now, not {asked_by}"
@@ -458,10 +458,10 @@ class Daemon:
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
         # A gateway that stops needs no PLC any more.
-        if link.poll(now) and link.loss and not self._stopping:
-            log.error("PLC lost: %s", link.loss, extra={"event": "plc"})
+        if (loss := link.poll(now)) and not self._stopping:
+            log.error("PLC lost: %s", loss, extra={"event": "plc"})
             for item in self.objects:
-                item.raise_fault(FaultNumber.PLC_LOST, link.loss, now)
+                item.raise_fault(FaultNumber.PLC_LOST, loss, now)
         actuals, good = self._answer
         setpoints = link.setpoints
         for index, item in enumerate(self.objects):

@@ -68,12 +68,8 @@ class Link(Protocol):
         """A PLC is exchanging data."""
 
     @property
-    def peer(self) -> str | None:
-        """The present or last PLC, for the user."""
-
-    @property
     def peer_host(self) -> str | None:
-        """Address of the present or last PLC."""
+        """Address of the connected PLC."""
 
     @property
     def setpoints(self) -> Sequence[Sequence[int] | None]:
@@ -89,8 +85,11 @@ class Link(Protocol):
     def more(self) -> bool:
         """Whether more data may wait after the last ``receive``."""
 
-    def poll(self, now: int) -> bool:
-        """Check the watchdog; True if it expires in this call, or if the relationship has ended."""
+    def poll(self, now: int) -> str:
+        """Check the watchdog; why the PLC is lost, if it expires in this call or the relationship has ended.
+
+        Empty otherwise, and for one of repeated losses, which are counted.
+        """
 
     def finding(self, index: int | None = None) -> Finding | None:
         """Why frames of the PLC, or of another sender, do not count; ``index``: for this drive object. None if they do."""
@@ -107,9 +106,6 @@ class Link(Protocol):
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
-
-    loss: str
-    """Reason for the loss of the PLC, after ``poll`` has reported it; empty for one of repeated losses, which are counted."""
 
     layout_token: object
     """Another one with every new layout of the frames."""
@@ -156,7 +152,6 @@ class UdpLink:
         self._received_at = 0
         self.more = True
         """Data after a punctual frame is processed in the next turn, which saves one system call in each cycle."""
-        self.loss = ""
         self._filtered = False
         """A connection exists, and only frames of its PLC are received."""
         self.layout_token = object()
@@ -192,14 +187,9 @@ class UdpLink:
         return self.endpoint.connected
 
     @property
-    def peer(self) -> str | None:
-        address = self.endpoint.peer
-        return f"{address[0]}:{address[1]}" if address else None
-
-    @property
     def peer_host(self) -> str | None:
         address = self.endpoint.peer
-        return address[0] if address else None
+        return address[0] if address and self.connected else None
 
     @property
     def setpoints(self) -> Sequence[Sequence[int] | None]:
@@ -241,14 +231,14 @@ class UdpLink:
         self._filtered = peer is not None
         self.port.only_from(peer)
 
-    def poll(self, now: int) -> bool:
-        expired = self.endpoint.poll(now)
-        if expired and not self.endpoint.connected:
+    def poll(self, now: int) -> str:
+        endpoint = self.endpoint
+        if not endpoint.poll(now):
+            return ""
+        if not endpoint.connected:
             self._listen_to(None)
-        if expired:
-            text, finding = silence(self._transport.watchdog_factor), self.endpoint.finding()
-            self.loss = self.endpoint.losses.report(text if finding is None else f"{text}: {finding.text}", now)
-        return expired
+        text, finding = silence(self._transport.watchdog_factor), endpoint.finding()
+        return endpoint.losses.report(text if finding is None else f"{text}: {finding.text}", now)
 
     def finding(self, index: int | None = None) -> Finding | None:
         return self.endpoint.finding(index)

@@ -136,7 +136,6 @@ class ProfinetLink:
         self.layout_token = object()
         self.recorder: FrameRecorder | None = None
         self.watchdog_expiries = 0
-        self.loss = ""
         self._end = ""
         """Reason of the end of the newest relationship with data exchange."""
         self._unreported = ""
@@ -186,14 +185,9 @@ class ProfinetLink:
         return self.device.connected
 
     @property
-    def peer(self) -> str | None:
-        relation = self.device.relation
-        return f"{relation.plan.ar.station_name} {relation.source[0]}" if relation else None
-
-    @property
     def peer_host(self) -> str | None:
         relation = self.device.relation
-        return str(relation.source[0]) if relation else None
+        return str(relation.source[0]) if relation and relation.connected else None
 
     def start(self, action: Callable[[], None]) -> None:
         station = self.station
@@ -257,9 +251,9 @@ class ProfinetLink:
             setpoints[index] = unpack_from(payload, offset) if good else None
         self._receivable = True
 
-    def poll(self, now: int) -> bool:
+    def poll(self, now: int) -> str:
         if not self._receivable:
-            return False
+            return ""
         consumer = self._consumer
         if self._unreported:
             loss, self._unreported = self._unreported, ""
@@ -267,13 +261,12 @@ class ProfinetLink:
             loss = self._end
         else:
             if now - consumer.data_ns <= self._limit_ns:
-                return False
+                return ""
             loss = silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
-        self.loss = self._losses.report(loss, now)
         self._receivable = False
         self.lose_setpoints()
-        return True
+        return self._losses.report(loss, now)
 
     def _report_loss(self, loss: str) -> None:
         """The next step of the axes sees this loss, also if the controller is there again by then."""
@@ -546,7 +539,9 @@ class ProfinetLink:
                 self._held_up_ns = cycles * max(int(transport.cycle_time_ms * MS), consumer.cycle_ns)
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
-                log.info("controller %s connected, cycle %g ms", self.peer, cycle)
+                log.info(
+                    "controller %s %s connected, cycle %g ms", relation.plan.ar.station_name, relation.source[0], cycle
+                )
                 if cycle < transport.cycle_time_ms:
                     log.warning(
                         "the controller's cycle time is shorter than cycle_time_ms = %g", transport.cycle_time_ms

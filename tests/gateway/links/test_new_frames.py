@@ -188,7 +188,7 @@ class Site:
     def _step(self, *, accepted: bool = True) -> None:
         """As the daemon does it: the watchdog, and an answer to each frame, without frames every second cycle."""
         self._step_at = self.now
-        self.losses += self.link.poll(self.now)
+        self.losses += self.link.poll(self.now) != ""
         if accepted or self.now - self._sent_at >= 2 * CYCLE:
             self._sent_at = self.now
             self.link.send([(0,) * len(TELEGRAM.actuals.signals)], [True], self.now)
