@@ -1,4 +1,9 @@
-"""A CAN bus in virtual time, with the bits of a frame on the wire."""
+"""A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut wires and short circuits.
+
+Source: Bosch CAN 2.0A (arbitration, fault confinement). A frame takes its worst-case bit time (``ds301.bus.load``) by
+default. A member has a queue of frames like SocketCAN; its oldest one takes part in the arbitration. Not simulated:
+error-passive timing, overload frames.
+"""
 
 from __future__ import annotations
 
@@ -13,59 +18,6 @@ from pdgw.ds301.bus.port import PortBusyError, PortLostError, Receiver, deliver
 from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import MS, SECOND
 
-# Bits of a CAN frame on the wire, with the stuff bits of its contents.
-#
-# Source: Bosch CAN 2.0A chapters 3 (frame, CRC) and 5 (bit stuffing). Independent of ``ds301.bus.load``, which uses the worst
-# case.
-
-
-_CRC_POLYNOMIAL: Final = 0x4599
-_CRC_BITS = 15
-_SAME_BITS = 5
-"""Number of equal bits before a stuff bit of the other value."""
-_UNSTUFFED: Final = 1 + 2 + 7 + 3
-"""CRC delimiter, acknowledge slot and delimiter, end of frame, interframe space."""
-
-
-def bits_on_the_wire(can_id: int, data: bytes) -> int:
-    """Bit times of a standard data frame, including the interframe space."""
-    bits = [0, *_binary(can_id, 11), 0, 0, 0, *_binary(len(data), 4)]
-    for byte in data:
-        bits += _binary(byte, 8)
-    bits += _binary(_crc(bits), _CRC_BITS)
-    return len(bits) + _stuff_bits(bits) + _UNSTUFFED
-
-
-def _binary(value: int, count: int) -> list[int]:
-    return [value >> place & 1 for place in reversed(range(count))]
-
-
-def _crc(bits: list[int]) -> int:
-    register = 0
-    for bit in bits:
-        register = register << 1 ^ (_CRC_POLYNOMIAL if bit ^ register >> (_CRC_BITS - 1) else 0)
-        register &= (1 << _CRC_BITS) - 1
-    return register
-
-
-def _stuff_bits(bits: list[int]) -> int:
-    stuffed, last, same = 0, -1, 0
-    for bit in bits:
-        same = same + 1 if bit == last else 1
-        last = bit
-        if same == _SAME_BITS:
-            stuffed += 1
-            last, same = 1 - bit, 1
-    return stuffed
-
-
-# A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut wires and short circuits.
-#
-# Source: Bosch CAN 2.0A (arbitration, fault confinement). A frame takes its worst-case bit time (``ds301.bus.load``) by
-# default. A member has a queue of frames like SocketCAN; its oldest one takes part in the arbitration. Not simulated:
-# error-passive timing, overload frames.
-
-
 _EXTENDED_BITS: Final = 20
 """Additional bits of an extended identifier, without stuffing."""
 _ERROR_BITS: Final = 23
@@ -74,7 +26,7 @@ _TEC_PASSIVE, _TEC_BUS_OFF, _TEC_STEP = 128, 256, 8
 _RECOVERY_BITS: Final = 128 * 11
 PLACES: Final = 16
 """Default size of a controller's queue."""
-_MAXIMUM_DATA: Final = 8
+_WORST_BITS = [frame_bits(size) for size in range(9)]
 
 Tap = Callable[[int, "Member", int, bytes], None]
 """Called for frames with time, sender, identifier with the flags of ``can_frame``, data."""
@@ -179,11 +131,10 @@ class SimulatedCan:
         self.frames = 0
         self.members: list[Member] = []
         self.shorted = False
-        self.counts_stuff_bits = False
-        """Frames have the stuff bits of their contents instead of the maximum."""
+        self.bits_of = _worst_bits
+        """The bit times of a frame."""
         self._random = random
         self._bit_ns = SECOND / bitrate
-        self._frame_ns = [int(frame_bits(size) * self._bit_ns) for size in range(_MAXIMUM_DATA + 1)]
         self._sender: Member | None = None
         self._began = -1
         self._timer: Timer | None = None
@@ -261,11 +212,7 @@ class SimulatedCan:
         if winner is None or listeners < 2:
             return
         can_id, data = winner.queue[0]
-        duration = self._frame_ns[len(data)]
-        if self.counts_stuff_bits and not can_id & (EXTENDED | REMOTE):
-            duration = int(bits_on_the_wire(can_id, data) * self._bit_ns)
-        if can_id & EXTENDED:
-            duration += int(_EXTENDED_BITS * self._bit_ns)
+        duration = int(self.bits_of(can_id, data) * self._bit_ns)
         self._sender = winner
         self._began = self.loop.now()
         if self.error_rate and self._random.random() < self.error_rate:
@@ -343,6 +290,10 @@ class SimulatedCan:
                 self._begin()
 
         self.loop.call_later(max(member.restart_ns, int(_RECOVERY_BITS * self._bit_ns)), recover)
+
+
+def _worst_bits(can_id: int, data: bytes) -> int:
+    return _WORST_BITS[len(data)] + (_EXTENDED_BITS if can_id & EXTENDED else 0)
 
 
 def _rank(can_id: int) -> int:

@@ -17,9 +17,9 @@ from pdgw.durations import MS
 from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.world import Member
-from pdgw.peers.world.can_bus import bits_on_the_wire
 from pdgw.tools.commands.commissioning.config import app
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
+from tests.support.wire.can_bits import bits_on_the_wire
 
 BITRATE = 1_000_000
 
@@ -67,7 +67,7 @@ class Responses:
         self._offered: dict[tuple[Member, int], list[int]] = defaultdict(list)
         self._cycles: list[int] = []
         bus = world_of(daemon).bus("world")
-        bus.counts_stuff_bits = True
+        bus.bits_of = bits_on_the_wire
         bus.offered.append(self._offer)
         bus.taps.append(self._complete)
         daemon.watch.listeners.append(self)
