@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import math
+import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 import typer
 
 from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
-from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.plc.scenario_file import load_scenario
-from pdgw.peers.simulation.config import parse_bus
+from pdgw.peers.simulation.config import add_device, parse_bus
+from pdgw.peers.simulation.console import Console
+from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.signals import signal
 from pdgw.tools.commands.simulation.demo import ChapterName, demo
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.demo.links import OnLoopback
 from pdgw.tools.demo.plot import plot
 from pdgw.tools.demo.sequence import Demo, Outcome
-from tests.support.gateways.daemon import Plc, drive_of, running
+from tests.support.gateways.daemon import Plc, drive_of, running, world_of
 from tests.support.gateways.recorded_daemon import differences, recorded, replay_of
 
 CAN = {"interface": "virtual", "channel": "world"}
@@ -47,37 +52,46 @@ def test_gateway_devices_and_scenario_of_a_chapter_match(name: str) -> None:
         assert any(note.startswith(f"{panel.notes}: ") for note in notes), panel.title
 
 
-ELSEWHERE = {"read", "write", "drive", "ack", "mute"}
-"""Actions for parameter channel, device console and network."""
-FOLLOWS = {
-    "fault, power off",
-    "does not start by itself",
-    "drive 1 stopped",
-    "drive 3 stopped",
-    "a standing ON does not restart it",
-}
+ELSEWHERE = {"read", "write"}
+"""Actions of the parameter channel."""
+FOLLOWS = {"the absolute value is the preset"}
 """Expectations that follow from these."""
-
-
-def movements(name: str) -> Scenario:
-    """The part of a chapter's scenario that needs only drives, a scenario engine and frames."""
-    scenario = load_scenario(CHAPTERS[name].scenario)
-    drives = len(CHAPTERS[name].axes)
-    own = [step for step in scenario.steps if step.axis <= drives and step.action not in ELSEWHERE]
-    return scenario.model_copy(update={"steps": [step for step in own if step.note not in FOLLOWS]})
+FOR_PICTURES = {"400 ms", "500 ms", "1 s"}
+"""Times of the steps that only extend a curve."""
 
 
 @pytest.mark.parametrize("name", CHAPTERS)
 def test_scenario_of_a_chapter_passes_and_is_replayed_equal(name: str, tmp_path: Path) -> None:
     chapter = CHAPTERS[name]
-    scenario = movements(name)
-    with recorded(parse_config(chapter.gateway(CAN, FREE_PORTS, simulate=True)), tmp_path) as plc:
-        engine = Engine(scenario, plc.endpoint)
+    scenario = load_scenario(chapter.scenario)
+    steps = [
+        step
+        for step in scenario.steps
+        if step.action not in ELSEWHERE and step.note not in FOLLOWS and step.hold not in FOR_PICTURES
+    ]
+    consoles: list[Console] = []
+
+    def power_on(daemon: Daemon) -> None:
+        """The devices of ``pdgw sim bus``, with their console."""
+        world = world_of(daemon)
+        simulation = Simulation(world.loop)
+        for device in parse_bus(chapter.devices(CAN, 5000)).device:
+            add_device(simulation, device, world.bus(CAN["channel"]).join(f"node {device.node_id}"))
+        simulation.start()
+        consoles.append(Console(simulation, threading.Event()))
+
+    with recorded(parse_config(chapter.gateway(CAN, FREE_PORTS)), tmp_path, power_on) as plc:
+        engine = Engine(scenario.model_copy(update={"steps": steps}), plc.endpoint)
+        engine.drive = consoles[0].execute
         while not engine.finished:
             engine.step(plc.loop.now())
+            plc.silent = engine.muted
             plc.exchange()
     assert engine.passed, [result for result in engine.results if not result.passed]
     assert len(engine.results) > 10
+    for panel in chapter.panels:
+        values = plc.endpoint.setpoints[panel.axis - 1] | (plc.endpoint.actuals[panel.axis - 1] or {})
+        assert all(math.isfinite(curve.value(values)) for curve in panel.curves)
     assert not differences(replay_of(tmp_path))
 
 
@@ -126,6 +140,16 @@ def test_failed_scenario_exits_with_1_and_names_the_failed_process(
     assert "the plc process" not in told
 
 
+def test_interrupted_demo_exits_with_130(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(_: Demo) -> Outcome:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Demo, "run", interrupted)
+    with pytest.raises(typer.Exit) as error:
+        demo(chapter=[ChapterName("dsc")], out=tmp_path)
+    assert error.value.exit_code == 130
+
+
 def test_messages_of_the_plc_are_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -161,8 +185,31 @@ class Scenarios(Demo):
         return {"plc": self.status, "gateway": 0, "devices": 0}
 
 
-def dsc_demo(out: Path) -> Scenarios:
-    return Scenarios(CHAPTERS["dsc"], out, lambda _: None, OnLoopback())
+def dsc_demo(out: Path, kind: type[Scenarios] = Scenarios) -> Scenarios:
+    return kind(CHAPTERS["dsc"], out, lambda _: None, OnLoopback())
+
+
+class Dying(Scenarios):
+    """A demo whose gateway is killed while its PLC runs the scenario."""
+
+    def _start(self, channel: str) -> None:
+        for name in ("plc", "gateway", "devices"):
+            command = ["sh", "-c", 'echo \'{"note": "enable"}\'; exec sleep 600']
+            self._processes[name] = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            (self.out / f"{name}.log").write_text(f"last words of {name}")
+        self._processes["gateway"].kill()
+        self._processes["gateway"].wait()
+
+    _follow, _stop = Demo._follow, Demo._stop
+
+
+def test_demo_whose_gateway_dies_ends_all_processes_and_reports_why(tmp_path: Path) -> None:
+    demo = dsc_demo(tmp_path, Dying)
+    (tmp_path / "report.json").write_text('{"passed": true}')  # of an earlier one
+    with pytest.raises(GatewayError, match="the gateway process ended with status -9: last words of gateway"):
+        demo.run()
+    assert all(process.returncode for process in demo._processes.values())
+    assert not (tmp_path / "report.json").exists()
 
 
 def test_unwritten_recording_of_the_plc_is_a_failure(tmp_path: Path) -> None:
