@@ -19,6 +19,8 @@ _loops: list[SystemLoop] = []
 """Loops that run while the test waits."""
 process_checks: list[Callable[[], None]] = []
 """One for each process of the test: AssertionError if the process has failed, so that waiting is useless."""
+_POLL_NS = 10 * MS
+"""Between two looks at a condition: to ask a process costs it and this one a millisecond or more."""
 PATIENCE_S = 300.0
 """Longest wait, also on a busy machine; a longer one is a defect."""
 
@@ -38,7 +40,7 @@ def wait_for(condition: Callable[[], object], what: str | Callable[[], str], sec
     while not condition():
         check_processes()
         assert time.monotonic() < deadline, f"not within {seconds} s: {what() if callable(what) else what}"
-        play(2 * MS)
+        play(_POLL_NS)
 
 
 def check_processes() -> None:

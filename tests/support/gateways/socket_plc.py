@@ -6,12 +6,14 @@ import socket
 import time
 from collections.abc import Callable
 
+from pdgw.durations import MS
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from tests.support.buses import PATIENCE_S, check_processes
 
 OFF = 0x047E
-CYCLE = 4_000_000
+CYCLE = 20 * MS
+"""As long as the gateways' own or shorter: each frame costs both processes a part of a millisecond."""
 _READY, _OPERATION = 0x01, 0x07
 """ZSW1.0 to 3 and 6."""
 _ENABLING = (_READY, 0x03, _OPERATION)
@@ -68,7 +70,7 @@ class SocketPlc:
 
     def stays_off(self, axis: int) -> None:
         """The ON that stays active must not start it. On a busy machine its drive may be lost meanwhile."""
-        for _ in range(50):
+        for _ in range(20):
             self.exchange()
             actuals = self.endpoint.actuals[axis]
             assert actuals is None or not actuals["ZSW1"] & 0x04, "started by a standing ON"
