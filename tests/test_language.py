@@ -7,9 +7,7 @@ comments of all packages, and the names of their files, functions, classes and c
 from __future__ import annotations
 
 import ast
-import io
 import re
-import tokenize
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -19,7 +17,7 @@ from typing import Any, Final
 import pytest
 
 from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS
-from tests.support.documents.sources import within
+from tests.support.documents.sources import QUOTED, within
 
 ROOT: Final = Path(__file__).parents[1]
 _DATA: Final = tomllib.loads((ROOT / "tests/language.toml").read_text("utf-8"))
@@ -31,6 +29,7 @@ PACKAGES: Final = (
     *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway", "pdgw"),
     *("peers", "profidrive", "profinet", "recording", "tools", "web", "tests/long"),
 )
+_COMMENT: Final = re.compile(rf"{QUOTED}|(#.*)")
 _WORDS: Final = 3
 """A literal with fewer words is a name or a key."""
 
@@ -120,6 +119,7 @@ def sources_of(package: str) -> list[Path]:
     return sorted(path for path in (ROOT / package).rglob("*.py") if not path.name.startswith("test_"))
 
 
+@cache
 def messages(package: str) -> list[tuple[str, str]]:
     """The texts of a package, each with its place."""
     return [
@@ -139,11 +139,9 @@ def docstrings(source: str) -> Iterator[tuple[int, str]]:
 
 def comments(source: str) -> Iterator[tuple[int, str]]:
     """The comments of a module, by line."""
-    if "#" not in source:
-        return
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            yield token.start[0], token.string.replace("``", "`")
+    for match in _COMMENT.finditer(source):
+        if match[1]:
+            yield source.count("\n", 0, match.start()) + 1, match[1].replace("``", "`")
 
 
 @cache

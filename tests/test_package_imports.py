@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-import tokenize
 from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
@@ -13,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.profidrive.signals import SIGNALS
-from tests.support.documents.sources import ROOMS, ROOT, statements
+from tests.support.documents.sources import QUOTED, ROOMS, ROOT, statements
 
 PRODUCT = ("profidrive", "profinet", "ds301", "dsp402", "dsp406", "gateway")
 
@@ -115,7 +114,10 @@ ROWS = {
 }
 """What each package may import beside itself and its sub-packages: other packages with theirs, or single modules."""
 
-_CODE = {tokenize.NAME, tokenize.OP, tokenize.NUMBER}
+_TEXT = re.compile(rf"#.*|(?:\b[rRbBuUfF]{{1,2}})?(?:{QUOTED})")
+"""Comments, and strings with their prefixes. The tokenizer of the library needs five times as long."""
+_CODE = re.compile(r"\d[\w.]*(?:(?<=\de)[+-]\d+)?|\w+|\*\*=?|//=?|>>=?|<<=?|->|:=|\.{3}|[-+*/%@&|^=<>!]=|[^\w\s\\]")
+"""Names, numbers and operators."""
 BUDGET = {
     "pdgw": 2436,
     "profidrive": 11625,
@@ -225,14 +227,7 @@ def test_every_package_has_its_row() -> None:
 
 def code_tokens(file: Path) -> int:
     """Names, operators and numbers. Comments, docstrings and line breaks cost nothing, and a string is no code."""
-    found = depth = 0
-    with tokenize.open(file) as source:
-        for token in tokenize.generate_tokens(source.readline):
-            name = tokenize.tok_name[token.type]  # Python 3.12 reads the code within an f-string too
-            depth += name.endswith("STRING_START")
-            depth -= name.endswith("STRING_END")
-            found += not depth and token.type in _CODE
-    return found
+    return len(_CODE.findall(_TEXT.sub(" ", file.read_text(encoding="utf-8"))))
 
 
 def sizes() -> dict[str, int]:

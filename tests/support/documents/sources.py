@@ -9,6 +9,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[3]
 ROOMS = sorted(file.parent.name for file in ROOT.glob("[!.]*/__init__.py") if file.parent.name != "tests")
 """Folders of the repository that are installed: ``pdgw`` and its sub-packages."""
+QUOTED = "|".join(rf"{mark}(?:\\[\s\S]|(?!{mark})[^\\])*{mark}" for mark in ('"""', "'''", '"', "'"))
+"""A string of Python without its prefix, as a pattern."""
 _BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
 
 
