@@ -146,7 +146,7 @@ others = st.one_of(
 device_events = st.lists(st.tuples(moments, others).map(lambda event: [event]), max_size=8)
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(st.lists(commands(), max_size=6), device_events, latencies)
 def test_a_drive_sends_the_same_frames(moves: list[list[Event]], others: list[list[Event]], latency: Latency) -> None:
     begin: list[Event] = [(1, frame(0, bytes((NmtCommand.START, NODE))))]
@@ -157,7 +157,7 @@ def test_a_drive_sends_the_same_frames(moves: list[list[Event]], others: list[li
     assert woken.frames == polled.frames
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(st.lists(st.tuples(moments, words, st.sampled_from([0, 200, 1000, -600])), max_size=4), latencies)
 def test_a_drive_that_shows_no_position_sends_the_same_frames(
     moves: list[tuple[int, int, int]], latency: Latency
@@ -176,6 +176,7 @@ def test_a_drive_that_shows_no_position_sends_the_same_frames(
     assert moves or woken.polls < 400
 
 
+@settings(max_examples=20)
 @given(device_events)
 def test_an_encoder_sends_the_same_frames(others: list[list[Event]]) -> None:
     begin: list[Event] = [(1, frame(0, bytes((NmtCommand.START, NODE))))]

@@ -407,7 +407,7 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
         ("telegrams: [81]\nsteps: [{off1: true}]", ["step 1 (off1)", "not possible with telegram 81, only with 1, 2"]),
         ("steps: [{expect: {NIST_A: .nan}}]", ["step 1 (expect)", "NIST_A = 'nan'"]),
         ("when: 2001-99-99", ["not valid YAML", "month"]),
-        ("[" * 3000, ["nested too deeply"]),
+        ("[" * 500, ["nested too deeply"]),
         (f"steps: [{{speed: {'1' * 5000}}}]", ["not valid YAML"]),
         (f"steps: [{{speed: '{'1' * 5000} %'}}]", ["step 1 (speed)", "expected"]),
         (f"steps: [{{hold: '{'1' * 5000} s'}}]", ["step 1 (hold)", "time"]),
@@ -430,7 +430,7 @@ def test_bad_scenarios_are_rejected_with_step_key_value_and_allowed(
 def test_arbitrary_files_are_refused_with_the_packages_error(
     tmp_path_factory: pytest.TempPathFactory, text: str
 ) -> None:
-    path = tmp_path_factory.mktemp("scenario") / "s.yaml"
+    path = tmp_path_factory.getbasetemp() / "s.yaml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(GatewayError):
         load_scenario(path)
