@@ -13,7 +13,7 @@ from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.reasons import Reason
 from pdgw.tools.plc.code import structured_text
 from tests.support.gateways.daemon import drive_of, running
-from tests.support.plc.motion_blocks import AXES, POSITIONS, VELOCITIES, Axis, axis_with
+from tests.support.plc.motion_blocks import POSITIONS, VELOCITIES, Axis, axis_with
 from tests.support.plc.structured_text import TextPlc, config_of
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -53,6 +53,20 @@ def fault_and_reset(axis: Axis, moving: str) -> None:
     assert axis.rpm == 0, "what was commanded before is forgotten"
 
 
+def rejects_unsupported_functions(axis: Axis, number: int) -> None:
+    """At standstill with power."""
+    names = {"absolute", "relative", "home"} if number in VELOCITIES and number not in {111, 112} else set()
+    names |= {7: {"absolute", "relative", "turn"}, 9: {"turn"}, 110: {"turn"}}.get(number, set())
+    for name in sorted(names):
+        if name == "home":
+            axis.start(name)
+        else:
+            axis.start(name, Velocity=100.0)
+        axis.ends(name, "ERROR")
+        assert (axis.state, axis.rpm) == ("Standstill", 0)
+        assert axis.at(name)["ERRORID"] == Reason.MODE_VALUE.code
+
+
 @pytest.mark.parametrize("number", VELOCITIES)
 def test_an_axis_moves_with_a_velocity_halts_stops_and_resets(number: int) -> None:
     with axis_with(number) as axis:
@@ -62,6 +76,7 @@ def test_an_axis_moves_with_a_velocity_halts_stops_and_resets(number: int) -> No
         axis.start("turn", Velocity=600.0)
         axis.ends("turn", "ERROR")
         axis.on()
+        rejects_unsupported_functions(axis, number)
         axis.start("turn", Velocity=600.0)
         axis.exchange(5)
         assert (axis.state, axis.at("turn")["INVELOCITY"]) == ("ContinuousMotion", False)
@@ -96,6 +111,7 @@ def test_an_axis_moves_with_a_velocity_halts_stops_and_resets(number: int) -> No
 def test_an_axis_homes_moves_replaces_stops_and_resets(number: int) -> None:
     with axis_with(number) as axis:
         axis.on()
+        rejects_unsupported_functions(axis, number)
         assert not axis.at("position")["VALID"]
         axis.start("home")
         axis.exchange(2)
@@ -143,20 +159,10 @@ def test_an_axis_homes_moves_replaces_stops_and_resets(number: int) -> None:
         fault_and_reset(axis, "absolute")
 
 
-@pytest.mark.parametrize("number", AXES)
-def test_unsupported_function_of_a_telegram_is_an_error(number: int) -> None:
-    names = {"absolute", "relative", "home"} if number in VELOCITIES and number not in {111, 112} else set()
-    names |= {7: {"absolute", "relative", "turn"}, 9: {"turn"}, 110: {"turn"}}.get(number, set())
-    with axis_with(number) as axis:
+def test_block_of_telegram_7_rejects_unsupported_functions() -> None:
+    with axis_with(7) as axis:
         axis.on()
-        for name in sorted(names):
-            if name == "home":
-                axis.start(name)
-            else:
-                axis.start(name, Velocity=100.0)
-            axis.ends(name, "ERROR")
-            assert (axis.state, axis.rpm) == ("Standstill", 0)
-            assert axis.at(name)["ERRORID"] == Reason.MODE_VALUE.code
+        rejects_unsupported_functions(axis, 7)
 
 
 @pytest.mark.parametrize("number", [1, 110])

@@ -13,8 +13,7 @@ from pdgw.tools.plc.code import STATES, has_axis
 from tests.support.gateways.daemon import drive_of, running
 from tests.support.plc.structured_text import TextPlc, config_of, program
 
-AXES = [number for number, item in TELEGRAMS.items() if has_axis(item)]
-VELOCITIES = [number for number in AXES if number not in {7, 9, 110}]
+VELOCITIES = [number for number, item in TELEGRAMS.items() if has_axis(item) and number not in {7, 9, 110}]
 POSITIONS = [9, 110, 111, 112]
 BLOCKS = {
     "power": "MC_Power",
