@@ -62,6 +62,13 @@ def turning(tmp_path: Path) -> Iterator[Turning]:
 
 
 @pytest.fixture(scope="module")
+def turned(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The page of an axis that turned until now."""
+    with ExitStack() as at_end:
+        yield Turning(tmp_path_factory.mktemp("ring"), at_end).page
+
+
+@pytest.fixture(scope="module")
 def still() -> Iterator[Page]:
     """The page of a gateway nothing happens at."""
     gateway = ShownGateway()
@@ -343,8 +350,8 @@ def test_with_a_token_streams_take_the_cookie() -> None:
 # -- trends --------------------------------------------------------------------------------------------------------------
 
 
-def test_a_trend_has_set_and_actual_values_in_their_unit(turning: Turning) -> None:
-    document = turning.page.document("/api/v1/objects/1/trace?seconds=1")
+def test_a_trend_has_set_and_actual_values_in_their_unit(turned: Page) -> None:
+    document = turned.document("/api/v1/objects/1/trace?seconds=1")
     assert [(item["name"], item["unit"]) for item in document["signals"]] == [("NIST_A", "rpm"), ("NSOLL_A", "rpm")]
     assert [column[-1] for column in document["values"]] == [1500, 1500]
     assert document["time"] == sorted(document["time"])
@@ -371,17 +378,17 @@ def test_a_trend_in_bins_keeps_the_extremes(turning: Turning) -> None:
     assert max(values) == 5250, "a peak of one cycle is not lost"
 
 
-def test_a_trend_as_a_file_for_a_spreadsheet(turning: Turning) -> None:
+def test_a_trend_as_a_file_for_a_spreadsheet(turned: Page) -> None:
     for query, headers in (("&format=csv", {}), ("", {"accept": "text/csv"})):
-        answer = turning.page.get(f"/api/v1/objects/1/trace?seconds=1&signals=velocity,NIST_A{query}", **headers)
+        answer = turned.get(f"/api/v1/objects/1/trace?seconds=1&signals=velocity,NIST_A{query}", **headers)
         assert answer.headers["content-type"].startswith("text/csv")
         rows = list(csv.reader(io.StringIO(answer.read().decode())))
         assert rows[0] == ["time_s", "velocity (rpm)", "NIST_A (rpm)"]
         assert [float(cell) for cell in rows[-1][1:]] == [1500, 1500]
 
 
-def test_unknown_signals_are_reported_with_the_known_ones(turning: Turning) -> None:
-    answer = turning.page.get("/api/v1/objects/1/trace?signals=SPEED")
+def test_unknown_signals_are_reported_with_the_known_ones(turned: Page) -> None:
+    answer = turned.get("/api/v1/objects/1/trace?signals=SPEED")
     document = json.loads(answer.read())
     assert (answer.status, document["field"]) == (400, "signals")
     assert "unknown, allowed: NSOLL_A, NIST_A, velocity" in document["error"]
@@ -411,17 +418,17 @@ def test_the_trend_follows_the_daemon_to_its_next_ring(turning: Turning, tmp_pat
     assert turning.page.document("/api/v1/objects/1/trace?seconds=10")["values"] == before["values"]
 
 
-def test_the_last_seconds_of_both_buses_are_a_capture(turning: Turning, tmp_path: Path) -> None:
+def test_the_last_seconds_of_both_buses_are_a_capture(turned: Page, tmp_path: Path) -> None:
     file = tmp_path / "page.pcapng"
-    file.write_bytes(turning.page.get("/api/v1/capture?seconds=1").read())
+    file.write_bytes(turned.get("/api/v1/capture?seconds=1").read())
     with file.open("rb") as stream:
         links = {packet.link for packet in read_capture(stream, "page")}
     assert links == {LinkType.CAN_SOCKETCAN, LinkType.ETHERNET}
-    archive = zipfile.ZipFile(io.BytesIO(turning.page.get("/api/v1/support").read()))
+    archive = zipfile.ZipFile(io.BytesIO(turned.get("/api/v1/support").read()))
     assert archive.read("capture.pcapng")[:4] == b"\x0a\x0d\x0d\x0a"
 
 
-def test_an_encoder_has_a_trend_too(turning: Turning) -> None:
-    document = turning.page.document("/api/v1/objects/2/trace?seconds=1")
+def test_an_encoder_has_a_trend_too(turned: Page) -> None:
+    document = turned.document("/api/v1/objects/2/trace?seconds=1")
     assert document["signals"]
     assert all(len(column) == len(document["time"]) for column in document["values"])

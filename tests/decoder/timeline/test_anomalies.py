@@ -140,7 +140,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     sizes = []
     tracemalloc.start()
     try:
-        for turn in range(12):
+        for turn in range(8):
             for record in records:
                 later = replace(record, time_ns=record.time_ns + turn * length)
                 for entry in builder.add(later):

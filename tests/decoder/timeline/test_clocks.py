@@ -12,13 +12,17 @@ from pdgw.tools.decoder.frames.fields import half_fields
 from pdgw.tools.decoder.timeline.clocks import Clocks, correlate
 from pdgw.tools.decoder.timeline.entries import Edge, WordKind
 from pdgw.tools.recording.recordings import look_ahead
-from tests.support.axis.recorded import CYCLE_NS, RIGS
+from tests.support.axis.recorded import CYCLE_NS, RIGS, RecordedRig
 
 
-@pytest.mark.parametrize("name", RIGS)
+@pytest.fixture(scope="module", params=RIGS)
+def rig(request: pytest.FixtureRequest) -> RecordedRig:
+    return RIGS[request.param]()
+
+
 @pytest.mark.parametrize("offset_ns", [-3600 * SECOND, -250 * MS, 37 * MS, 12 * SECOND + 345_678])
-def test_the_offset_is_found_within_a_cycle(name: str, offset_ns: int, tmp_path: Path) -> None:
-    clocks = RIGS[name]().open(tmp_path, clock_ns=offset_ns, jitter_ns=MS).clocks
+def test_the_offset_is_found_within_a_cycle(rig: RecordedRig, offset_ns: int, tmp_path: Path) -> None:
+    clocks = rig.open(tmp_path, clock_ns=offset_ns, jitter_ns=MS).clocks
     assert clocks.origin == "correlated"
     assert abs(clocks.offset_ns - offset_ns) < CYCLE_NS
     assert clocks.pairs >= 4
@@ -26,9 +30,8 @@ def test_the_offset_is_found_within_a_cycle(name: str, offset_ns: int, tmp_path:
     assert f"{clocks.pairs} of {clocks.edges} edges match" in clocks.text
 
 
-@pytest.mark.parametrize("name", RIGS)
-def test_one_clock_is_taken_as_one_clock(name: str, tmp_path: Path) -> None:
-    clocks = RIGS[name]().open(tmp_path).clocks
+def test_one_clock_is_taken_as_one_clock(rig: RecordedRig, tmp_path: Path) -> None:
+    clocks = rig.open(tmp_path).clocks
     assert clocks.offset_ns == 0
     assert clocks.text.startswith("the clocks match: ")
 
