@@ -18,11 +18,7 @@ from tests.support.gateways.daemon import running, world_of
 
 KNOWN: dict[tuple[int, int, float], dict[tuple[int, int], int]] = {
     (1, 3, 1): {(3, 11): 4329},
-    (8, 3, 1): {(3, 11): 22088},
-    (64, 3, 1): {(3, 11): 158263},
-    (1, 3, 4): {(3, 11): 4530},
     (8, 3, 4): {(3, 11): 23835},
-    (64, 3, 4): {(3, 11): 170923},
     (30, 30, 10): {(3, 11): 146213},
 }
 """Bytecodes of a cycle, by axes, axes on each bus and cycle time in milliseconds, then by version of Python."""

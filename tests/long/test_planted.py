@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
@@ -31,28 +31,27 @@ from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.frame import SignOfLife
 from tests.long.planted import FOLLOW, LOCKS, Patch, Plant, each_cell, row
 from tests.long.rules import Rule
-from tests.long.walk.cases import Case
+from tests.long.walk.cases import LONG_TICK_NS, Case
 from tests.long.walk.values import Plc, Shown
-
-DEFAULT = Case(1)
-RAMP = Case(1, PlcLossReaction.RAMP)
-GUARDING = Case(1, guarding=True)
-
 
 UNPOWERED_STATES = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
 
 
+@dataclass(frozen=True, slots=True)
 class Narrow(Case):
-    """Only what the way to a defect needs: the walk of everything takes a minute."""
+    """Only the inputs that the way to a defect needs. A walk with all inputs has this way, too, but takes a minute."""
+
+    also: tuple[str, ...] = ()
+    """Further frames and reports, by the beginning of their names."""
 
     def _frames(self) -> list[Plc]:
         motion = ("homing", "jog") if self.homing or self.jog else ("task",)
-        kept = ("OFF1", "OFF1 ack", "ON+enable", *motion)
-        return [item for item in super()._frames() if item.name.rpartition(" ")[0] in kept]
+        kept = (*(f"{name} 0" for name in ("OFF1", "OFF1 ack", "ON+enable", *motion)), *self.also)
+        return [item for item in Case._frames(self) if item.name.startswith(kept)]
 
     def _shown(self) -> list[Shown]:
-        kept = (*(state.value for state in UNPOWERED_STATES), "Operation Enabled")
-        return [item for item in super()._shown() if item.name.startswith(kept)]
+        kept = (*(state.value for state in UNPOWERED_STATES), "Operation Enabled", *self.also)
+        return [item for item in Case._shown(self) if item.name.startswith(kept)]
 
 
 def speed_stands_in_a_stop(patch: Patch) -> None:
@@ -125,12 +124,23 @@ def setpoint_is_repeated(patch: Patch) -> None:
     patch.setattr(MotionExecutor, "_replaces", wrong)
 
 
+DEFAULT = Narrow(1)
+STOPS = Narrow(1, also=("OFF2", "OFF3"))
+RAMP = Narrow(1, PlcLossReaction.RAMP, also=("ON 0", "no PLC", "OFF3 without"))
+GUARDING = Narrow(1, guarding=True, also=("OFF3", "lost"))
+
 PLANTED: dict[str, tuple[Case, Plant]] = {
-    **{text: (DEFAULT, plant) for text, plant in LOCKS.items()},
-    "fault not locking": (DEFAULT, row(FOLLOW, (Drive.FAULT,), tuple(PowerWish), None, Action.SHUTDOWN)),
-    "lost drive followed": (DEFAULT, row(FOLLOW, (Drive.LOST,), ENABLES, None, Action.ENABLE_OPERATION)),
+    **{text: (STOPS, plant) for text, plant in LOCKS.items()},
+    "fault not locking": (
+        Narrow(1, also=("Fault",)),
+        row(FOLLOW, (Drive.FAULT,), tuple(PowerWish), None, Action.SHUTDOWN),
+    ),
+    "lost drive followed": (
+        Narrow(1, also=("lost",)),
+        row(FOLLOW, (Drive.LOST,), ENABLES, None, Action.ENABLE_OPERATION),
+    ),
     "quick stop sent as Shutdown": (
-        DEFAULT,
+        STOPS,
         row(tuple(Phase), SHOWS_OPERATION, (PowerWish.QUICK_STOP,), Phase.QUICK_STOP, Action.SHUTDOWN),
     ),
     "stale Statusword trusted": (
@@ -146,10 +156,13 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
         row((Phase.RAMP_STOP,), IN_OPERATION, (PowerWish.ENABLE,), Phase.FOLLOW, Action.ENABLE_OPERATION),
     ),
     "loss of the PLC ignored": (
-        DEFAULT,
+        Narrow(1, also=("no PLC",)),
         row(RUNNING, IN_OPERATION, (PowerWish.NO_PLC_QUICK_STOP,), None, Action.ENABLE_OPERATION),
     ),
-    "restart forgotten": (DEFAULT, lambda patch: patch.setattr(Interlock, "restarted", lambda _: None)),
+    "restart forgotten": (
+        Narrow(1, also=("restarted",)),
+        lambda patch: patch.setattr(Interlock, "restarted", lambda _: None),
+    ),
     "speed stands in a stop": (DEFAULT, speed_stands_in_a_stop),
     "operation shown in a stop": (DEFAULT, each_cell(lambda cell: replace(cell, operating=True))),
     "OFF2 and OFF3 after a loss ignored": (
@@ -157,28 +170,28 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
         lambda patch: patch.setattr(AxisMachine, "_stop_without_plc", lambda _: None),
     ),
     "loss of the sign of life ignored": (
-        Case(2, life=1),
+        Narrow(2, life=1),
         lambda patch: patch.setattr(SignOfLife, "failed", False),
     ),
     "drive that does not stop left alone": (GUARDING, lambda patch: patch.setattr(StopWatch, "step", lambda *_: False)),
     "brake released when the drive is lost": (GUARDING, brake_ends_with_the_drive),
-    "standing task bit starts": (Case(9), standing_task_bit_starts),
-    "standing homing bit starts": (Narrow(9, homing=True), standing_homing_bit_starts),
-    "homing goes on without its bit": (Narrow(9, homing=True), homing_goes_on_without_its_bit),
+    "standing task bit starts": (Narrow(9), standing_task_bit_starts),
+    "standing homing bit starts": (Narrow(9, homing=True, tick_ns=LONG_TICK_NS), standing_homing_bit_starts),
+    "homing goes on without its bit": (Narrow(9, homing=True, tick_ns=LONG_TICK_NS), homing_goes_on_without_its_bit),
     "standing homing bit of a positioner starts": (
-        Narrow(110, homing=True),
+        Narrow(110, homing=True, tick_ns=LONG_TICK_NS),
         standing_homing_bit_of_a_positioner_starts,
     ),
     "standing jog bit starts": (
-        Narrow(110, jog=True),
+        Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
         lambda patch: patch.setattr(Positioner, "_jog_asked", lambda self: self._jog_bit() > 0),
     ),
     "jog goes on without its bit": (
-        Narrow(110, jog=True),
+        Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
         lambda patch: patch.setattr(Positioner, "_jog_bit", lambda self: self._jog or 1),
     ),
-    "handshake waits without a reason": (Narrow(9), handshake_waits_without_a_reason),
-    "setpoint is repeated": (Narrow(7), setpoint_is_repeated),
+    "handshake waits without a reason": (Narrow(9, tick_ns=LONG_TICK_NS), handshake_waits_without_a_reason),
+    "setpoint is repeated": (Narrow(7, tick_ns=LONG_TICK_NS), setpoint_is_repeated),
     "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
 }
 

@@ -36,7 +36,7 @@ NOT_DRAWN = {"slow-sdo", "slow-boot", "unguarded", "csp"}
 """Shapes that need minutes to come online, and two that the gateway refuses."""
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_short_soak_of_drawn_axes_finds_nothing(seed: int) -> None:
     soak_run = SoakRun(next(parts(seed)))
     soak_run.play(20 * SECOND)
@@ -60,11 +60,10 @@ def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
         soak_run.bus.taps.append(
             lambda now, member, can_id, data: everything.update(f"{now} {can_id} ".encode() + data)
         )
-        soak_run.play(8 * SECOND)
+        soak_run.play(4 * SECOND)
         return soak_run.trace.lines, everything.hexdigest()
 
-    assert lived(3) == lived(3)
-    assert lived(3) != lived(4)
+    assert lived(3) == lived(3) != lived(4)
 
 
 def test_part_of_the_day_runs_without_those_before_it() -> None:

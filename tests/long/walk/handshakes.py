@@ -284,14 +284,13 @@ def _orders(number: int) -> list[Orders]:
 
 def short() -> Iterator[Handshakes]:
     """For the tests: both positioners with a correct drive, and some that are late, keep a task or report a signal wrongly."""
-    yield Handshakes(9, Orders.TASKS, _LATE[0])
+    yield Handshakes(9, Orders.MIXED)
     yield Handshakes(9, Orders.TASKS, Character(keeps=True))
     yield Handshakes(9, Orders.TASKS, Character(wrong=Wrong.EARLY))
-    for number in (9, 110):
-        yield Handshakes(number, Orders.MIXED)
-        yield Handshakes(number, Orders.TASKS, Character(signal=Signal.ANSWER, wrong=Wrong.STUCK))
-        yield Handshakes(number, Orders.HOMING, Character(signal=Signal.DONE, wrong=Wrong.STUCK))
-        yield Handshakes(number, Orders.HOMING, Character(wrong=Wrong.NEVER))
+    yield Handshakes(9, Orders.HOMING, _LATE[0])
+    yield Handshakes(110, Orders.TASKS, Character(signal=Signal.ANSWER, wrong=Wrong.STUCK))
+    yield Handshakes(110, Orders.HOMING, Character(signal=Signal.DONE, wrong=Wrong.STUCK))
+    yield Handshakes(110, Orders.HOMING, Character(wrong=Wrong.NEVER))
 
 
 def selected() -> Iterator[Handshakes]:
