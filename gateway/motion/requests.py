@@ -210,9 +210,10 @@ NOTHING: Final = PositionerRequest()
 
 
 class HomingResult(enum.Enum):
-    """Result of the homing in ``Seen.taken``."""
+    """Progress of a homing. That of ``PositionerFeedback`` is of the homing in ``taken``, which has started."""
 
     RUNNING = "running"
+    READY = "ready to start"
     ATTAINED = "attained"
     FAILED = "failed"
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
+from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.motion.positioner import ACTIVATE, Positioner
+from pdgw.gateway.motion.requests import HomingResult
 from pdgw.gateway.motion.travel import Course
 from tests.long.rules import Rule
 from tests.long.walk.handshakes import Handshakes, Orders, every, short
@@ -35,7 +36,7 @@ def test_each_handshake_has_another_name() -> None:
 
 
 def homing_ends_at_once(patch: Patch) -> None:
-    patch.setattr(Homing, "run", lambda _: Progress.ATTAINED)
+    patch.setattr(Homing, "run", lambda _: HomingResult.ATTAINED)
 
 
 def probe_counts_when_armed(patch: Patch) -> None:

@@ -6,7 +6,6 @@ may begin is the positioning executor's.
 
 from __future__ import annotations
 
-import enum
 from typing import Final
 
 from pdgw.dsp402.modes import Mode
@@ -17,6 +16,7 @@ from pdgw.gateway.axis.executors.executor import Executor
 from pdgw.gateway.axis.executors.positions.limits import Stall
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.motion.requests import HomingResult
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
 _START_NS: Final = 50 * MS
@@ -38,15 +38,6 @@ TASK_WARNINGS: Final = warning_bits(
     FaultNumber.NOT_ACKNOWLEDGED,
 )
 """Warnings of one task: the next one ends them."""
-
-
-class Progress(enum.Enum):
-    """Progress of a homing."""
-
-    WAITS = "waits"
-    READY = "ready to start"
-    ATTAINED = "attained"
-    FAILED = "failed"
 
 
 class Homing:
@@ -127,26 +118,26 @@ class Homing:
         self._writes = ()
         self._stall.step(False, 0, 0)
 
-    def prepare(self) -> Progress:
-        """READY when the drive has accepted method and speeds and confirmed mode 6."""
+    def prepare(self) -> HomingResult:
+        """READY when the drive has accepted method and speeds and confirmed mode 6, RUNNING until then."""
         outputs = self._outputs
         if self._answer is None:
             self._ask()
         if not self._answer:
             outputs.reason = Reason.HOMING_SETUP
-            return Progress.WAITS
+            return HomingResult.RUNNING
         if self._answer != "done":
             outputs.warn(FaultNumber.HOMING_PARAMETERS, self._answer)
             outputs.reason = self.failure
-            return Progress.FAILED
+            return HomingResult.FAILED
         self.method = self._writes[0].value
         if not self._mode.request(Mode.HOMING):
-            return Progress.WAITS
+            return HomingResult.RUNNING
         self._started = self._executor.inputs.now
         self._turned_ended = False
-        return Progress.READY
+        return HomingResult.READY
 
-    def run(self) -> Progress:
+    def run(self) -> HomingResult:
         """While the drive homes.
 
         It ends at standstill, and not by bits that can be older than the start or that were set while the axis turned.
@@ -159,11 +150,11 @@ class Homing:
         elif not inputs.standstill:
             self._turned_ended = True
         if inputs.now - self._started < self._latency:
-            return Progress.WAITS
+            return HomingResult.RUNNING
         if statusword & _ERROR:
             return self._failed("homing error", statusword)
         if ended and inputs.standstill and not self._turned_ended:
-            return Progress.ATTAINED
+            return HomingResult.ATTAINED
         if self._stall.step(inputs.standstill, feedback.position_actual, inputs.now):
             if ended:
                 return self._failed("standstill, but Statusword.10 and .12 were set while the axis turned", statusword)
@@ -171,10 +162,10 @@ class Homing:
                 missing = "10" if statusword & _ATTAINED else "12"
                 return self._failed(f"standstill without Statusword.{missing}", statusword)
             self._outputs.reason = Reason.HOMING_STALLED
-        return Progress.WAITS
+        return HomingResult.RUNNING
 
-    def _failed(self, what: str, statusword: int) -> Progress:
+    def _failed(self, what: str, statusword: int) -> HomingResult:
         outputs = self._outputs
         outputs.warn(FaultNumber.HOMING, f"method {self.method}, {what}, Statusword {statusword:04X}h")
         outputs.reason = Reason.HOMING_ERROR
-        return Progress.FAILED
+        return HomingResult.FAILED

@@ -15,13 +15,13 @@ from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.executor import OPERATION_ENABLED, AxisRecords, Executor
-from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
+from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.limits import Stall
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.requests import Command, HomingResult, Motion, PositionerRequest, PositionerResult
+from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, PositionerRequest, PositionerResult
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
@@ -55,7 +55,6 @@ class MotionExecutor(Executor):
         self.homing = Homing(self, self._mode)
         self.command.modes_of_operation = self._mode.mode
         self._seen = positioner.seen
-        self._shows_stop_reached = self.settings.intermediate_stop_reached
         self._target = CanType.I32.integer_range
         """Range of 607Ah."""
         self._position_objects: Mapping[ObjectAddress, int] = {}
@@ -102,6 +101,11 @@ class MotionExecutor(Executor):
         """The drive has new coordinates."""
         self.positioner.forget_home()
 
+    def refuse(self) -> None:
+        self._stop()
+        self.command.controlword = self.interlock.controlword
+        self.positioner.step(NOTHING, self.inputs.now)
+
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)
 
@@ -124,7 +128,10 @@ class MotionExecutor(Executor):
         return self.stopped and self._taking.due(self.inputs.now)
 
     def _stop_reached(self, request: PositionerRequest) -> bool:
-        """An intermediate stop of a traversing task has ended. With setting up, "target reached" may be that of its speed."""
+        """An intermediate stop of a traversing task has ended, and is shown so. With setting up, "target reached" may be that of
+        its speed."""
+        if not self.settings.intermediate_stop_reached:
+            return False
         if not request.operating or request.commands & _NO_STOP_OF_A_TASK:
             return False
         return self.stopped and (self._mode.shows_base() or self.feedback.velocity_actual == 0)
@@ -322,18 +329,18 @@ class MotionExecutor(Executor):
             return self._halt_before_homing()
         if seen.taken == motion.serial:
             progress = homing.run()
-            if progress is Progress.ATTAINED:
+            if progress is HomingResult.ATTAINED:
                 self._attained += 1
                 if self._attained > self.POSITION_FOLLOWS:
                     self._homing_ends(HomingResult.ATTAINED)
-            elif progress is Progress.FAILED:
+            elif progress is HomingResult.FAILED:
                 self._homing_ends(HomingResult.FAILED)
                 return 0
             return NEW_SETPOINT
         progress = homing.prepare()
-        if progress is Progress.FAILED:
-            self._homing_ends(HomingResult.FAILED)
-        elif progress is Progress.READY:
+        if progress is HomingResult.FAILED:
+            self._homing_ends(progress)
+        elif progress is HomingResult.READY:
             seen.taken = seen.executing = motion.serial
             # The drive has left the mode of the stopped setpoint. Halt would end CW.4, whose next rise is a second start.
             self._end_stopped_setpoint()

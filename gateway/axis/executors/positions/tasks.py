@@ -26,7 +26,6 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTask
 from pdgw.gateway.motion.positioner import HELD, Positioner
 from pdgw.gateway.motion.requests import (
-    NOTHING,
     Command,
     HomingResult,
     MessageWord,
@@ -158,12 +157,10 @@ class PositionerExecutor(MotionExecutor):
         super()._forget_home()
 
     def refuse(self) -> None:
-        self._stop()
-        self.command.controlword, self.command.target_velocity = self.interlock.controlword, 0
         seen, report = self._seen, self.report
         seen.standstill = seen.reached = False
         report.speed = report.length_speed = report.message = 0
-        self.positioner.step(NOTHING, self.inputs.now)
+        super().refuse()
 
     def sdo_done(self, error: str | None) -> None:
         if not self._torque.answered(error):
@@ -209,7 +206,7 @@ class PositionerExecutor(MotionExecutor):
         report.speed = speed.to_wire(feedback.velocity_actual)
         report.length_speed = units.to_length_speed(feedback.velocity_actual)
         report.flags = self._flags(result)
-        if self._shows_stop_reached and self._stop_reached(request):
+        if self._stop_reached(request):
             report.flags |= _REACHED
         report.message = message_of(message, feedback, outputs)
         return reason

@@ -16,7 +16,7 @@ from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
 from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.requests import NOTHING, Command, Goal, HomingResult, Motion, MotionKind, PositionerRequest
+from pdgw.gateway.motion.requests import Command, Goal, HomingResult, Motion, MotionKind, PositionerRequest
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
@@ -55,9 +55,7 @@ class PositioningExecutor(MotionExecutor):
         self._mdi.set_window(None if self._turntable else window)
 
     def refuse(self) -> None:
-        self._stop()
-        self.command.controlword = self.interlock.controlword
-        self.positioner.step(NOTHING, self.inputs.now)
+        super().refuse()
         report = self.report
         report.position = report.homing_method = 0
         report.tasks_active = False
@@ -75,7 +73,7 @@ class PositioningExecutor(MotionExecutor):
             waits = result.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
-        if self._shows_stop_reached and self._stop_reached(request):
+        if self._stop_reached(request):
             flags |= _REACHED
         if result.home_set:
             flags |= _HOME_SET
