@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
 from operator import itemgetter
 from typing import ClassVar
@@ -75,7 +75,9 @@ class PositionerAdapter(ControlWordAdapter):
         self._controls: tuple[int, ...] = ()
         """The control words whose bits are in the request."""
         words = [item for item in telegram.setpoints.signals if item.name in _CONTROL_WORDS]
-        self._words = itemgetter(*(self.setpoint(item.name) for item in words))
+        self._words: Callable[[Sequence[int]], tuple[int, ...]] = itemgetter(
+            *(self.setpoint(item.name) for item in words)
+        )
         fields = [(place, bit) for place, item in enumerate(words) for bit in item.fields(positioning=True)]
         self._commands = [(place, bit.mask, _COMMANDS[bit.name]) for place, bit in fields if bit.name in _COMMANDS]
         self._block = next((field for field in fields if field[1].name == "BLOCK"), None)
