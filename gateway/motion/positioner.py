@@ -68,7 +68,8 @@ class _Task:
     event: Event
     refusal: Reason | None
     block: int
-    commands: int
+    how: int
+    """Bits of ``Command``: how the position is meant."""
     target: int
     velocity: int
     acceleration: int
@@ -83,7 +84,7 @@ class _Task:
             and request.velocity == self.velocity
             and request.acceleration == self.acceleration
             and request.deceleration == self.deceleration
-            and not (request.commands ^ self.commands) & DIRECTIONS
+            and not (request.commands ^ self.how) & DIRECTIONS
         )
 
 
@@ -308,8 +309,8 @@ class Positioner:
                 refusal = Reason.TASK_DIRECTION
             elif not self._course.in_range(target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
-        ramps = request.acceleration, request.deceleration
-        return _Task(event, refusal, request.block, commands, target, velocity, *ramps, direction)
+        how, ramps = commands & (_ABSOLUTE | DIRECTIONS), (request.acceleration, request.deceleration)
+        return _Task(event, refusal, request.block, how, target, velocity, *ramps, direction)
 
     def _changed(self) -> bool:
         """Continuous update: values other than those in force, while STW1.6 = 1."""
@@ -318,7 +319,7 @@ class Positioner:
             return False
         if task.is_of(request) or (commands & Command.SETTING_UP != 0) is not (self._state is _SETTING_UP):
             return False
-        if self._state is _MDI and not commands & task.commands & _ABSOLUTE:
+        if self._state is _MDI and not commands & task.how & _ABSOLUTE:
             self._warn(Reason.UPDATE_RELATIVE)
             return False
         return True
@@ -412,7 +413,7 @@ class Positioner:
             self._course.go(velocity if task.direction is _POSITIVE else -velocity, acceleration, deceleration)
         else:
             torque = self.choices.clamping_torque if self.request.to_fixed_stop else None
-            absolute = task.commands & _ABSOLUTE != 0
+            absolute = task.how & _ABSOLUTE != 0
             self._course.go_to(task.target, absolute, velocity, acceleration, deceleration, torque, task.direction)
 
     def _start_jog(self) -> None:
