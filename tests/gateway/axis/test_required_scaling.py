@@ -10,7 +10,7 @@ import pytest
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.gateway.axis.settings import AxisSettings, needed_quantities
-from pdgw.gateway.commissioning.telegram_check import lacks
+from pdgw.gateway.commissioning.telegram_check import lacks, not_available
 from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.devices import PositionerConfig
 from pdgw.profidrive.telegrams import telegram
@@ -52,3 +52,10 @@ def test_a_fixed_stop_is_refused_without_the_actual_current() -> None:
 @pytest.mark.parametrize("missing", ["profile_acceleration", "target_position", "velocity_actual"])
 def test_objects_needed_for_motion_are_never_optional(missing: str) -> None:
     assert "not an object of this drive" in lacks(_drive((1, 3), missing), 9)
+
+
+@pytest.mark.parametrize("number", [7, 9, 110, 111, 112])
+def test_a_drive_without_profile_velocity_is_not_refused(number: int) -> None:
+    drive = _drive((1, 3), "profile_velocity")
+    assert lacks(drive, number) == ""
+    assert any("6081h not available: traversing tasks run at" in line for line in not_available(drive, number))
