@@ -26,7 +26,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame, Parser
 from pdgw.profidrive.telegrams import Direction
-from pdgw.tools.decoder.capture.knowledge import configured_axes, dictionary_of
+from pdgw.tools.decoder.capture.knowledge import configured_settings
 from pdgw.tools.decoder.capture.pcap import configuration_in
 from pdgw.tools.decoder.capture.source import STANDARD_INPUT, Source, open_source
 from pdgw.tools.decoder.export.trace_page import TracePage
@@ -77,7 +77,7 @@ def _known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[s
     if config is not None:
         return _known_of(load_config(config), telegrams, nodes)
     if telegrams:
-        return Known(Settings(_with_nodes(list(given_axes(telegrams)), nodes), "--telegram and --node"))
+        return Known(Settings(_with_nodes(given_axes(telegrams), nodes), "--telegram and --node"))
     if nodes:
         raise GatewayError("--node: give --telegram for each axis too, or --config")
     for file in files:
@@ -94,23 +94,18 @@ def _known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[s
 
 
 def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[str]) -> Known:
-    axes = _with_nodes(configured_axes(loaded, telegrams), nodes)
-    files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds and axis.eds.is_file()}
-    settings = Settings(axes, dictionary=dictionary_of(files) if files else None)
+    settings = configured_settings(loaded, telegrams)
     transport = loaded.transport
     return Known(
-        replace(
-            settings,
-            cyclic_ports=settings.cyclic_ports | {transport.cyclic_port},
-            acyclic_ports=settings.acyclic_ports | {transport.acyclic_port} - {0},
-        ),
+        replace(settings, axes=_with_nodes(settings.axes, nodes)),
         int(transport.cycle_time_ms * MS),
         transport.watchdog_factor,
         transport.age_limit_ns,
     )
 
 
-def _with_nodes(axes: list[Axis], nodes: Sequence[str]) -> list[Axis]:
+def _with_nodes(given: Sequence[Axis], nodes: Sequence[str]) -> list[Axis]:
+    axes = list(given)
     for position, text in enumerate(nodes):
         match = _AXIS_NODE.fullmatch(text)
         if match is None or int(match[2]) not in NODE_IDS:

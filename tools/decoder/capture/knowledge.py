@@ -28,14 +28,14 @@ from pdgw.tools.decoder.view.names import Names
 if TYPE_CHECKING:
     from pdgw.gateway.configuration.config import GatewayConfig
 
-# The axes of a configuration as the decoder knows them.
+# A configuration as the decoder knows it.
 
 
-def configured_axes(config: GatewayConfig, telegrams: Sequence[int] = ()) -> list[Axis]:
-    """Axes and encoders in the order of the frame; ``telegrams`` replace the configured ones. ProfidriveError for an unknown
-    telegram."""
+def configured_settings(config: GatewayConfig, telegrams: Sequence[int] = ()) -> Settings:
+    """Axes and encoders in the order of the frame, with EDS files and ports; ``telegrams`` replace the configured ones.
+    ProfidriveError for an unknown telegram."""
     single = len(config.can) == 1
-    return [
+    axes = [
         Axis(
             axis.do_id,
             telegram(telegrams[position] if position < len(telegrams) else axis.telegram).number,
@@ -44,6 +44,17 @@ def configured_axes(config: GatewayConfig, telegrams: Sequence[int] = ()) -> lis
         )
         for position, axis in enumerate(config.objects)
     ]
+    cyclic, acyclic = ({port} - {0} for port in (config.transport.cyclic_port, config.transport.acyclic_port))
+    return Settings(
+        axes,
+        dictionary=dictionary_of(_configured_eds(config)),
+        cyclic_ports=Settings.cyclic_ports | cyclic,
+        acyclic_ports=Settings.acyclic_ports | acyclic,
+    )
+
+
+def _configured_eds(config: GatewayConfig) -> dict[int, Path]:
+    return {axis.node_id: axis.eds for axis in config.axis if axis.eds and axis.eds.is_file()}
 
 
 # EDS and DCF files as entries for the decoder.
@@ -76,8 +87,10 @@ def entries(dictionary: Any) -> list[Entry]:
     return found
 
 
-def dictionary_of(files: Mapping[int, Path], default: Path | None = None) -> Dictionary:
-    """EDS/DCF files by node-ID, and one for all other nodes; each is read when its node is first seen."""
+def dictionary_of(files: Mapping[int, Path], default: Path | None = None) -> Dictionary | None:
+    """EDS/DCF files by node-ID, and one for all other nodes; each is read when its node is first seen. None without a file."""
+    if not files and default is None:
+        return None
 
     @cache
     def of(node_id: int) -> Sequence[Entry] | None:
@@ -124,11 +137,8 @@ def known_beforehand(
     be used.
     ``embedded``: the text of a configuration the capture has in it, used without ``config``.
     """
-    axes: Sequence[Axis] = given_axes(telegrams)
-    origin = "--telegram, with the axis number as node-ID"
+    settings = Settings(given_axes(telegrams), "--telegram, with the axis number as node-ID")
     files, default = _eds_files(eds)
-    settings = Settings()
-    cyclic, acyclic = settings.cyclic_ports, settings.acyclic_ports
     bitrate = None
     if config is not None or embedded:
         from pdgw.gateway.configuration.file import load_config, parse_config  # noqa: PLC0415 (loads the whole gateway)
@@ -136,21 +146,15 @@ def known_beforehand(
         loaded = (
             load_config(config) if config is not None else parse_config(embedded, "the configuration in the capture")
         )
-        origin = "configuration"
-        axes = configured_axes(loaded, telegrams)
-        files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds and axis.eds.is_file()} | files
-        cyclic |= {loaded.transport.cyclic_port}
-        acyclic |= {loaded.transport.acyclic_port}
+        settings, files = configured_settings(loaded, telegrams), _configured_eds(loaded) | files
         bitrate = loaded.can[0].bitrate
-    dictionary = dictionary_of(files, default) if files or default else None
+    dictionary = dictionary_of(files, default)
     names = Names()
     if dictionary is not None:
         # Names do not depend on the node-ID, so one is enough. Report unusable files before the first packet.
         chosen = [*files, *([min(set(range(1, 128)) - set(files))] if default else [])]
         names = Names(ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None)
-    return Knowledge(
-        Settings(axes, origin, dictionary, frozenset(cyclic - {0}), frozenset(acyclic - {0}), station), names, bitrate
-    )
+    return Knowledge(replace(settings, dictionary=dictionary, station=station), names, bitrate)
 
 
 def _eds_files(texts: Sequence[str]) -> tuple[dict[int, Path], Path | None]:
