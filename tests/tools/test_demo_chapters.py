@@ -12,6 +12,7 @@ import pytest
 import typer
 
 from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
@@ -42,8 +43,8 @@ def test_a_demo_without_matplotlib_has_no_picture(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("name", CHAPTERS)
 def test_gateway_devices_and_scenario_of_a_chapter_match(name: str) -> None:
     chapter = CHAPTERS[name]
-    config = parse_config(chapter.gateway(CAN, FREE_PORTS))
-    bus = parse_bus(chapter.devices(CAN, 5000))
+    config = parse_config(toml_text(chapter.gateway(CAN, FREE_PORTS)))
+    bus = parse_bus(toml_text(chapter.devices(CAN, 5000)))
     assert [device.node_id for device in bus.device] == [item.node_id for item in (*config.axis, *config.encoder)]
     scenario = load_scenario(chapter.scenario)
     assert scenario.telegrams == [item.telegram for item in (*config.axis, *config.encoder)]
@@ -75,12 +76,12 @@ def test_scenario_of_a_chapter_passes_and_is_replayed_equal(name: str, tmp_path:
         """The devices of ``pdgw sim bus``, with their console."""
         world = world_of(daemon)
         simulation = Simulation(world.loop)
-        for device in parse_bus(chapter.devices(CAN, 5000)).device:
+        for device in parse_bus(toml_text(chapter.devices(CAN, 5000))).device:
             add_device(simulation, device, world.bus(CAN["channel"]).join(f"node {device.node_id}"))
         simulation.start()
         consoles.append(Console(simulation, threading.Event()))
 
-    with recorded(parse_config(chapter.gateway(CAN, FREE_PORTS)), tmp_path, power_on) as plc:
+    with recorded(parse_config(toml_text(chapter.gateway(CAN, FREE_PORTS))), tmp_path, power_on) as plc:
         engine = Engine(scenario.model_copy(update={"steps": steps}), plc.endpoint)
         engine.drive = consoles[0].execute
         while not engine.finished:
@@ -100,7 +101,7 @@ def test_dsc_scenario_fails_with_a_drive_in_fault() -> None:
     fault = signal("ZSW1").bit("FAULT")
     scenario = load_scenario(chapter.scenario)
     steps = [step.model_copy(update={"within": "5 s"}) for step in scenario.steps]
-    with running(parse_config(chapter.gateway(CAN, FREE_PORTS, simulate=True))) as daemon:
+    with running(parse_config(toml_text(chapter.gateway(CAN, FREE_PORTS, simulate=True)))) as daemon:
         plc = Plc(daemon, [105])
         engine = Engine(scenario.model_copy(update={"steps": steps}), plc.endpoint)
         while engine.passed:

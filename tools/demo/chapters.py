@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from pdgw.gateway.configuration.defaults import SIMULATED_BLOCKS, SIMULATED_KEYS
-from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.peers.option_values import ENGEL, SYNCHRONOUS
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 
@@ -73,8 +72,10 @@ class Chapter:
     like: str = ENGEL
     blocks: Sequence[Mapping[str, Any]] = field(default=())
 
-    def gateway(self, can: Mapping[str, Any], transport: Mapping[str, Any], *, simulate: bool = False) -> str:
-        """The gateway's configuration. Its timeouts tolerate pauses of a busy machine."""
+    def gateway(
+        self, can: Mapping[str, Any], transport: Mapping[str, Any], *, simulate: bool = False
+    ) -> dict[str, Any]:
+        """The tables of the gateway's configuration. Its timeouts tolerate pauses of a busy machine."""
         times = {"status_port": 0, "cycle_time_ms": self.cycle_ms, "watchdog_factor": _PATIENT_CYCLES}
         more = {"simulate": simulate, "block": self.blocks}
         axes = [
@@ -85,15 +86,15 @@ class Chapter:
             {"do_id": number, "node_id": number, "telegram": telegram, **_times(_ENCODER_MS), "simulate": simulate}
             for number, telegram in enumerate(self.encoders, len(axes) + 1)
         ]
-        return toml_text({"can": can, "transport": {**transport, **times}, "axis": axes, "encoder": encoders})
+        return {"can": can, "transport": {**transport, **times}, "axis": axes, "encoder": encoders}
 
-    def devices(self, can: Mapping[str, Any], control_port: int) -> str:
-        """The description of the devices for ``pdgw sim bus``."""
+    def devices(self, can: Mapping[str, Any], control_port: int) -> dict[str, Any]:
+        """The tables of the devices for ``pdgw sim bus``."""
         drive = {"type": "drive", "axis": "linear", "like": self.like, "sync_tolerance": _PATIENT_PERIODS}
         found = [{"node_id": number, **drive} for number in range(1, len(self.axes) + 1)]
         first = len(self.axes) + 1
         found += [{"node_id": first + n, "type": "encoder", "motion": "shaft=1"} for n in range(len(self.encoders))]
-        return toml_text({"can": can, "control": {"port": control_port}, "device": found})
+        return {"can": can, "control": {"port": control_port}, "device": found}
 
 
 def _times(tpdo_ms: int) -> dict[str, int]:

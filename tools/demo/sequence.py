@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.gateway.errors import GatewayError, writing
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.tools.demo.chapters import Chapter
@@ -106,8 +107,8 @@ class Demo:
         (control,) = free_ports(socket.SOCK_STREAM, 1)
         self.link.open(control)
         can = {"interface": INTERFACE, "channel": channel}
-        config = self._write("gateway.toml", self.chapter.gateway(can, self.link.transport))
-        devices = self._write("devices.toml", self.chapter.devices(can, control))
+        config = self._write("gateway.toml", toml_text(self.chapter.gateway(can, self.link.transport)))
+        devices = self._write("devices.toml", toml_text(self.chapter.devices(can, control)))
         self._spawn("devices", "sim", "bus", str(devices))
         self._spawn("gateway", "run", str(config), "--record", str(self.out / RECORD))
         self._spawn(
