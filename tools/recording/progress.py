@@ -16,17 +16,11 @@ T = TypeVar("T")
 
 def with_progress_of(items: Iterator[T], title: str, count: int) -> Iterator[T]:
     """The items, with a bar that counts them."""
-    if count < _SEVERAL or not sys.stderr.isatty():
-        yield from items
-        return
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress  # noqa: PLC0415
+    from rich.console import Console  # noqa: PLC0415 (slow to load)
+    from rich.progress import track  # noqa: PLC0415
 
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(title, total=count)
-        for item in items:
-            progress.advance(task)
-            yield item
+    hidden = count < _SEVERAL or not sys.stderr.isatty()
+    yield from track(items, title, count, console=Console(stderr=True), transient=True, disable=hidden)
 
 
 def with_progress(items: Iterator[T], title: str, size: int | None, position: Callable[[], int]) -> Iterator[T]:

@@ -73,11 +73,13 @@ class Captures:
             f"{self._path.stem}-{ended}{more}{self._path.suffix}" for more in ("", *(f"-{n}" for n in range(2, 1000)))
         )
         self._path.replace(next(path for name in names if not (path := self._folder / name).exists()))
-        full = sorted(
-            self._folder.glob(f"{self._path.stem}-*{self._path.suffix}"), key=lambda path: path.stat().st_mtime_ns
-        )
-        for path in full[: -self._files]:
-            path.unlink(missing_ok=True)
+        delete_oldest(self._folder, f"{self._path.stem}-*{self._path.suffix}", self._files)
+
+
+def delete_oldest(folder: Path, pattern: str, kept: int) -> None:
+    """Keep this number of the files of a pattern. OSError when one cannot be deleted."""
+    for path in sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime_ns)[:-kept]:
+        path.unlink(missing_ok=True)
 
 
 class Recording:

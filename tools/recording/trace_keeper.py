@@ -19,6 +19,7 @@ from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.place import PREVIOUS, rings, run_directory
 from pdgw.gateway.trace.reader import Cycle, RingReader, is_alive
+from pdgw.tools.recording.recorder import delete_oldest
 
 # Parts of a ring as a pcapng file of both buses with the configuration, as `pdgw run --record` writes it.
 
@@ -214,14 +215,9 @@ class Keeper:
         log.warning("%s: kept", path)
         self.kept.append(path)
         try:
-            self._prune()
+            delete_oldest(choice.directory, f"{self._name}-*.pcapng", choice.files)
         except OSError as error:  # deleted by another process just now, or not deletable: try again the next time
             log.error("%s: old files could not be deleted (%s)", choice.directory, error)
-
-    def _prune(self) -> None:
-        mine = sorted(self._choice.directory.glob(f"{self._name}-*.pcapng"), key=lambda path: path.stat().st_mtime)
-        for path in mine[: -self._choice.files]:
-            path.unlink(missing_ok=True)
 
 
 def follow(path: Path, choice: Choice, wait: Callable[[float], bool], pause_s: float = 0.25) -> None:
