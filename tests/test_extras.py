@@ -1,4 +1,4 @@
-"""Dependencies: each optional import names its extra when it is missing."""
+"""What every package may import: optional packages with the names of their extras, and files that a user names."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from pdgw.extras import EXTRA_OF, missing
+from pdgw.files import read_file
 from tests.test_package import PROJECT, ROOMS, ROOT
 
 CORE = {"can", "canopen", "greenlet", "pydantic", "pydantic_core", "typer", "click", "rich", "yaml", "pdgw"}
@@ -75,3 +76,17 @@ def test_scapy_layers_without_scapy_name_the_extra(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "scapy.contrib.pnio", None)
     with pytest.raises(ImportError, match=re.escape("this needs scapy: pip install 'profidrive-gateway[scapy]'")):
         __import__(name)
+
+
+def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"12345")
+    assert read_file(path, 5) == b"12345"
+    with pytest.raises(OSError, match="longer than 4 bytes; check that it is the right file"):
+        read_file(path, 4)
+
+
+@pytest.mark.parametrize(("path", "reason"), [("/dev/zero", "a pipe or a device"), ("/", "a directory")])
+def test_other_things_with_a_path_are_rejected(path: str, reason: str) -> None:
+    with pytest.raises(OSError, match=f"{reason}, expected a file"):
+        read_file(Path(path), 5)

@@ -144,7 +144,7 @@ def test_demo_scenario_passes_and_independent_readers_confirm_it(tmp_path: Path)
 
 
 def test_interrupted_demo_ends_all_processes_and_completes_its_capture(tmp_path: Path) -> None:
-    # SIGTERM is made the same exception as Ctrl-C (test_termination.py).
+    # SIGTERM is made the same exception as Ctrl-C (test_wrong_use.py).
     def interrupt(document: dict[str, object]) -> None:
         if str(document.get("note")).startswith("telegram 105: enable"):
             raise KeyboardInterrupt

@@ -1,17 +1,21 @@
-"""Simulated devices from a file, and their faults at run time."""
+"""Simulated devices from a file, their faults at run time, and their console against long lines and callers that disconnect."""
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
 import signal
 import socket
+import socketserver
 import sys
 import threading
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
@@ -21,13 +25,14 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
-from pdgw.peers.simulation import console as simulation_running
+from pdgw.peers.simulation import console as console_module
 from pdgw.peers.simulation.config import ControlConfig, example, load_bus, parse_bus
-from pdgw.peers.simulation.console import Console, serve
+from pdgw.peers.simulation.console import Console, PatientServer, serve
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation
 from pdgw.peers.world import World
 from tests.peers.test_bus import serial_number_over
 from tests.support import buses
+from tests.support.buses import PATIENCE_S
 from tests.support.cli import pdgw
 from tests.support.processes import free_tcp_port, running, wait_for_text
 
@@ -225,10 +230,10 @@ def test_signal_ends_the_simulation_in_any_thread(simulation: Simulation, monkey
 
         threading.Timer(0.05, get).start()
 
-    monkeypatch.setattr(simulation_running, "read_standard_input", elsewhere)
+    monkeypatch.setattr(console_module, "read_standard_input", elsewhere)
     with signals_put_back():
         try:
-            simulation_running.run(simulation, ControlConfig(), "nothing")
+            console_module.run(simulation, ControlConfig(), "nothing")
         finally:
             ended.set()
     assert not hung.is_set()
@@ -247,7 +252,7 @@ def signals_put_back() -> Iterator[None]:
 @pytest.mark.parametrize("kind", DEVICE_TYPES)
 def test_devices_report_the_loss_of_their_bus_server_and_end(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     served = ServedBus()
-    monkeypatch.setattr(simulation_running, "read_standard_input", lambda *_: served.stop())
+    monkeypatch.setattr(console_module, "read_standard_input", lambda *_: served.stop())
     with signals_put_back():
         result = pdgw("sim", kind, "--interface", INTERFACE, "--channel", served.channel)
     assert (result.returncode, result.stderr.count("\n")) == (1, 1)
@@ -308,3 +313,63 @@ def test_a_simulator_in_the_background_of_a_terminal_is_not_stopped() -> None:
     os.waitpid(child, 0)
     assert b"not stopped" in shown
     assert b"status 0" in shown
+
+
+NOTHING = cast(Simulation, SimpleNamespace(nodes=[]))
+
+
+@pytest.fixture
+def console_port() -> Iterator[int]:
+    server = serve(Console(NOTHING, threading.Event()), 0)
+    yield int(server.server_address[1])
+    server.shutdown()
+    server.server_close()
+
+
+def talk(port: int, data: bytes) -> bytes:
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as connection:
+        connection.sendall(data)
+        connection.shutdown(socket.SHUT_WR)
+        answer = b""
+        try:
+            while part := connection.recv(65536):
+                answer += part
+        except ConnectionResetError:
+            pass
+        return answer
+
+
+def test_a_command_of_any_length_is_answered_or_refused(console_port: int) -> None:
+    assert talk(console_port, b"\n") == b"ok\n"
+    answer = talk(console_port, b"x" * 1001)
+    assert answer == b"error: a command has at most 1000 characters\n"
+    with socket.create_connection(("127.0.0.1", console_port), timeout=PATIENCE_S) as connection:
+        connection.sendall(b"x" * 50_000)
+        assert connection.recv(1000).startswith(b"error: a command has at most")
+
+
+def test_clients_that_disconnect_early_cause_no_messages(console_port: int, capsys: pytest.CaptureFixture[str]) -> None:
+    for data in [b"status\n" * 1000, b"s"] * 5:
+        connection = socket.create_connection(("127.0.0.1", console_port), timeout=PATIENCE_S)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+        connection.sendall(data)
+        connection.close()  # with a reset
+    assert talk(console_port, b"\n") == b"ok\n"
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "pauses"), [(errno.EMFILE, 1), (errno.ECONNABORTED, 0)])
+def test_a_server_without_descriptors_pauses_where_its_port_would_keep_it_busy(
+    number: int, pauses: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slept: list[float] = []
+    monkeypatch.setattr(console_module, "time", SimpleNamespace(sleep=slept.append))
+
+    def accept() -> None:
+        raise OSError(number, "not now")
+
+    with PatientServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server, server.socket:
+        server.socket = cast(socket.socket, SimpleNamespace(accept=accept, close=server.socket.close))
+        with pytest.raises(OSError, match="not now"):
+            server.get_request()
+    assert len(slept) == pauses

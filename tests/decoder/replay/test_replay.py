@@ -1,4 +1,4 @@
-"""Replay: equal for what this gateway recorded, a named difference for anything else."""
+"""Replay: equal for what this gateway recorded, also of scenarios and over PROFINET, a named difference for anything else."""
 
 from __future__ import annotations
 
@@ -9,18 +9,28 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.executors import speed as speed_executor
+from pdgw.gateway.configuration.file import simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.peers.drive import shape
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario_file import load_scenario
+from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.tools.decoder.step_replay import Replayed
+from pdgw.tools.decoder.timeline.text import entry_lines
 from pdgw.tools.recording.recordings import replayed
 from pdgw.tools.recording.trace_keeper import save
 from tests.decoder.replay.runs import RUNS, kept, run, speeds
 from tests.long.soak.planted import DEFECTS
-from tests.support.gateways.daemon import axis, configuration, until, world_of
-from tests.support.gateways.recorded_daemon import differences, recorded, recording, replay_of
+from tests.support.gateways import profinet_daemon
+from tests.support.gateways.daemon import OFF, axis, configuration, until, world_of
+from tests.support.gateways.recorded_daemon import differences, record, recorded, recording, replay_of
+from tests.support.readers.timeline import own_timeline
+from tests.tour.console import File, steps
+from tests.tour.tour import DOCUMENTS, ROOT
 
 
 def kept_replay(name: str, folder: Path) -> list[Replayed]:
@@ -162,3 +172,99 @@ def test_a_capture_of_another_recorder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.log").write_text("(1.0) can0 1#00\n" * 9)
     with pytest.raises(GatewayError, match="not a recording of the gateway"):
         replayed([str(tmp_path / "x.log")])
+
+
+LONGEST_NS = 20 * SECOND
+"""Of a scenario without an end."""
+SCENARIOS = {path.name: path.read_text() for path in (ROOT / "tools" / "scenarios").glob("[!d]*.yaml")} | {
+    item.name: item.text
+    for path in DOCUMENTS
+    for item in steps(path.read_text())
+    if isinstance(item, File) and item.name.endswith(".yaml")
+}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_scenario_is_replayed_equal(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(SCENARIOS[name])
+    scenario = load_scenario(path)
+    with recorded(simulated(scenario.telegrams), tmp_path) as plc:
+        engine = Engine(scenario, plc.endpoint)
+        while not engine.finished and plc.loop.now() < LONGEST_NS:
+            engine.step(plc.loop.now())
+            plc.exchange()
+        assert engine.passed, [result for result in engine.results if not result.passed]
+    for result in replay_of(tmp_path):
+        assert not differences([result])
+        assert result.steps > 700
+
+
+@pytest.fixture(scope="module")
+def recorded_on_profinet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Enable, speed, OFF1, PLC in STOP, silence, release and a second connection that writes the parameters again."""
+    folder = tmp_path_factory.mktemp("recorded_on_profinet")
+    config = profinet_daemon.configuration(axis(1) + axis(2, telegram_number=9), folder / "store.json")
+    with profinet_daemon.plant(config, data_hold=400, before=lambda daemon: record(daemon, folder)) as site:
+        site.connect()
+        site.run(100 * MS)
+        site.enable(1, 0x1000)
+        site.run(300 * MS)
+        site.set(1, OFF, 0x1000)
+        site.run(500 * MS)
+        site.enable(1, 0x0800)
+        site.run(100 * MS)
+        assert site.plc.provider is not None
+        site.plc.provider.data_status &= ~STATUS_RUN
+        site.run(500 * MS)
+        site.plc.provider.data_status |= STATUS_RUN
+        site.enable(1, 0x0800)
+        site.run(100 * MS)
+        site.plc.silent = True
+        site.run(300 * MS)
+        site.plc.silent = False
+        site.enable(1, 0x0800)
+        site.plc.release(site.loop.now())
+        site.run(500 * MS)
+        site.connect()
+        site.enable(1, 0x0800)
+        site.run(100 * MS)
+        site.set(1, OFF)
+        site.run(300 * MS)
+        site.enable(1, 0x0800)
+        site.run(100 * MS)
+        profinet_daemon.parameterise_anew(site)
+        site.run(300 * MS)
+    return folder
+
+
+def printed(folder: Path) -> list[str]:
+    """The timeline's lines."""
+    found = own_timeline(recording(folder))
+    return ["".join(entry_lines(entry, found.opening.begin_ns)) for entry in found.entries]
+
+
+def test_a_recording_is_equal(recorded_on_profinet: Path) -> None:
+    for result in replay_of(recorded_on_profinet):
+        assert not result.differences
+        assert result.steps > 500
+
+
+def test_timeline_shows_relationships_stops_and_losses(recorded_on_profinet: Path) -> None:
+    lines = printed(recorded_on_profinet)
+
+    def has(*parts: str) -> int:
+        return sum(all(part in line for part in parts) for line in lines)
+
+    assert has("relationship of plc-1 and press-1 granted") == 2
+    assert has("relationship of plc-1 and press-1 confirmed: cyclic data is valid") == 2
+    assert has("relationship of plc-1 and press-1 ended") == 1
+    assert has("relationship of plc-1 and press-1 parameterised again: cyclic data is not valid") == 1
+    assert has("provider stop") == 1
+    assert has("no frame of the PLC for more than 12 ms") == 1
+    assert has("axis 1", "PLC lost: the gateway stops the drive") == 4, (
+        "in STOP, in silence, after Release and PrmBegin"
+    )
+    assert has("axis 1", "diagnosis, slot 1.1, Communication error to the higher-level control system appears") == 2
+    assert has("axis 2", "diagnosis, slot 2.1, Communication error to the higher-level control system appears") == 2
+    assert has("STW1", "047Eh -> 047Fh", "-> executed") == 6

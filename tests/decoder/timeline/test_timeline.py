@@ -1,4 +1,4 @@
-"""Timelines of small recordings: causes, latencies, and the reviewed one.
+"""Timelines of small recordings: causes, latencies, repeated events, the offset of two clocks, and the reviewed one.
 
 ``python -m tests.decoder.timeline.test_timeline`` writes the golden file again. Read the difference before you commit it.
 """
@@ -11,11 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS
+from pdgw.durations import MS, SECOND
 from pdgw.profidrive.frame import TICK, TRAILER
-from pdgw.tools.decoder.timeline.entries import Edge, Latency, Summary, WordKind
-from pdgw.tools.decoder.timeline.text import entry_lines, summary_lines
-from pdgw.tools.recording.recordings import Part, followed
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.decoder.frames.fields import half_fields
+from pdgw.tools.decoder.timeline.clocks import Clocks, correlate
+from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Event, Latency, Summary, WordKind
+from pdgw.tools.decoder.timeline.text import Repetitions, entry_lines, summary_lines
+from pdgw.tools.recording.recordings import Part, followed, look_ahead
 from tests.support.axis.recorded import CYCLE_NS, RIGS, RecordedRig, speed
 from tests.support.readers.timeline import Timeline, edges, entries_of, timeline
 
@@ -135,6 +138,111 @@ def golden_lines() -> Iterator[str]:
 
 def test_timeline_equals_the_reviewed_text() -> None:
     assert list(golden_lines()) == GOLDEN.read_text().splitlines()
+
+
+def written(entries: list[Anomaly | Event]) -> list[str]:
+    repetitions, lines = Repetitions(0), list[str]()
+    for entry in entries:
+        lines += repetitions.ended(entry.time_ns)
+        if repetitions.is_new(entry):
+            lines += entry_lines(entry, 0)
+    return [*lines, *repetitions.ended()]
+
+
+def test_absent_node_is_two_lines_for_each_of_its_events() -> None:
+    entries: list[Anomaly | Event] = []
+    for number in range(89):
+        entries.append(Event(number * 500 * MS, 7, "NMT", "reset node 7"))
+        entries.append(Anomaly(number * 500 * MS + MS, 7, AnomalyKind.EMERGENCY, "node 7"))
+    lines = written(entries)
+    assert len(lines) == 4
+    assert lines[0].endswith("NMT: reset node 7")
+    assert lines[2].endswith("NMT: reset node 7 (88 more times, the last)")
+    assert lines[2].split()[0] == "44.000000"
+
+
+def test_repeated_series_has_its_own_line() -> None:
+    entries: list[Anomaly | Event] = [Event(time * SECOND, 1, "state", "offline") for time in (0, 1, 30)]
+    lines = [line.partition("state: ")[2] for line in written(entries)]
+    assert lines == ["offline", "offline (once more)", "offline"]
+
+
+def test_other_axes_and_other_texts_are_other_events() -> None:
+    entries: list[Anomaly | Event] = [Event(number, number, "state", "offline") for number in (1, 2, 3)]
+    assert len(written(entries)) == 3
+
+
+@pytest.fixture(scope="module", params=RIGS)
+def rig(request: pytest.FixtureRequest) -> RecordedRig:
+    return RIGS[request.param]()
+
+
+@pytest.mark.parametrize("offset_ns", [-3600 * SECOND, -250 * MS, 37 * MS, 12 * SECOND + 345_678])
+def test_the_offset_is_found_within_a_cycle(rig: RecordedRig, offset_ns: int, tmp_path: Path) -> None:
+    clocks = rig.open(tmp_path, clock_ns=offset_ns, jitter_ns=MS).clocks
+    assert clocks.origin == "correlated"
+    assert abs(clocks.offset_ns - offset_ns) < CYCLE_NS
+    assert clocks.pairs >= 4
+    assert not clocks.ambiguous
+    assert f"{clocks.pairs} of {clocks.edges} edges match" in clocks.text
+
+
+def test_one_clock_is_taken_as_one_clock(rig: RecordedRig, tmp_path: Path) -> None:
+    clocks = rig.open(tmp_path).clocks
+    assert clocks.offset_ns == 0
+    assert clocks.text.startswith("the clocks match: ")
+
+
+def test_an_offset_that_is_given_is_taken(tmp_path: Path) -> None:
+    rig = RIGS["telegram 1"]()
+    clocks = look_ahead(rig.frames.write(tmp_path, offset_ns=5 * SECOND), rig.known, 5 * SECOND, lambda _: None).clocks
+    assert clocks == Clocks(5 * SECOND)
+    assert clocks.text == "the CAN clock differs by +5.000000 s from the clock of the PLC's frames, as given"
+
+
+WORD = half_fields(telegram(1).setpoints)[0]
+
+
+def toggling(kind: WordKind, times: list[int], bit: int = 1) -> list[Edge]:
+    """A word whose bit changes at these times."""
+    return [Edge(now, 1, kind, WORD, bit * (i % 2), bit * (1 - i % 2)) for i, now in enumerate(times)]
+
+
+def test_without_edges_in_common_the_offset_is_not_known() -> None:
+    clocks = correlate(toggling(WordKind.CONTROL, [5]), CYCLE_NS)
+    assert (clocks.offset_ns, clocks.origin) == (0, "not known")
+    assert "unknown" in clocks.text
+
+
+def test_edges_of_one_direction_leave_the_delay_in_the_offset() -> None:
+    times = [100 * MS, 450 * MS, 1100 * MS, 1900 * MS]
+    late = toggling(WordKind.CONTROLWORD, [now + SECOND + MS for now in times])
+    clocks = correlate([*toggling(WordKind.CONTROL, times), *late], CYCLE_NS)
+    assert clocks.offset_ns == SECOND + MS
+    assert clocks.uncertainty_ns == CYCLE_NS
+    assert (clocks.pairs, clocks.edges) == (4, 4)
+
+
+def test_regular_rhythm_is_reported_as_ambiguous() -> None:
+    times = [100 * MS * i for i in range(1, 41)]
+    late = toggling(WordKind.CONTROLWORD, [now + SECOND for now in times])
+    clocks = correlate([*toggling(WordKind.CONTROL, times), *late], CYCLE_NS)
+    assert clocks.ambiguous
+    assert "AMBIGUOUS" in clocks.text
+
+
+def test_commands_without_effect_do_not_disturb_the_offset() -> None:
+    times = [100 * MS, 450 * MS, 1100 * MS, 1900 * MS, 2050 * MS, 3000 * MS]
+    passed = times[:4]
+    edges = [
+        *toggling(WordKind.CONTROL, times),
+        *toggling(WordKind.CONTROLWORD, [now - SECOND + MS for now in passed]),
+        *toggling(WordKind.STATUSWORD, [now - SECOND + 2 * MS for now in passed], 2),
+        *toggling(WordKind.STATUS, [now + 5 * MS for now in passed], 2),
+    ]
+    clocks = correlate(edges, CYCLE_NS)
+    assert abs(clocks.offset_ns + SECOND) <= clocks.uncertainty_ns <= CYCLE_NS
+    assert (clocks.pairs, clocks.edges) == (8, 10)
 
 
 if __name__ == "__main__":
