@@ -140,19 +140,19 @@ def test_the_commands_typed_here_are_in_the_documents() -> None:
     assert HERE.keys() | PROFINET.keys() <= found
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Files with the names the documents use."""
-    speed().frames.write(tmp_path)
-    with recorded(configuration(axis(1)), tmp_path) as plc:
+    made = tmp_path_factory.mktemp("documents")
+    speed().frames.write(made)
+    with recorded(configuration(axis(1)), made) as plc:
         plc.enable()
-    (tmp_path / "recording").mkdir()
-    Path(recording(tmp_path)).rename(tmp_path / "recording" / "gateway.pcapng")
+    (made / "recording").mkdir()
+    Path(recording(made)).rename(made / "recording" / "gateway.pcapng")
     packets = [(captures.BEGIN_NS + i * MS, captures.ETHERNET, data) for i, data in enumerate(profinet_frames())]
-    (tmp_path / "plant.pcap").write_bytes(captures.pcap(packets))
-    shutil.copy(ROOT / "dsp402" / "eds" / "engel.eds", tmp_path / "my.eds")
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    (made / "plant.pcap").write_bytes(captures.pcap(packets))
+    shutil.copy(ROOT / "dsp402" / "eds" / "engel.eds", made / "my.eds")
+    return made
 
 
 def configure(folder: Path, transport: str) -> None:
@@ -163,7 +163,10 @@ def configure(folder: Path, transport: str) -> None:
 
 
 @pytest.mark.parametrize("command", sorted(HERE.keys() | PROFINET.keys()))
-def test_document_command_gives_the_documented_output(command: str, folder: Path) -> None:
+def test_document_command_gives_the_documented_output(
+    command: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
     configure(folder, 'type = "profinet"\ninterface = "eth1"' if command in PROFINET else "")
     words = shlex.split(command.replace("press-1", "gateway"))[1:]  # the station in the capture
     done = pdgw(*words)
