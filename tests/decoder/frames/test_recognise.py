@@ -170,9 +170,3 @@ def test_words_with_swapped_bytes_get_a_hint(words: str, direction: Direction, h
     found = swapped_words(parse_hex(words), 1, direction)
     assert found.startswith(hint)
     assert bool(found) == bool(hint)
-
-
-def test_the_command_prints_the_hint_of_swapped_words() -> None:
-    result = pdgw("decode", "--hex", "7F04 0020")
-    assert result.returncode == 0
-    assert "note: STW1 7F04h is 047Fh with its bytes swapped" in result.stderr

@@ -39,6 +39,13 @@ def write(bus: CanopenDecoder, index: int, subindex: int, data: bytes) -> None:
     feed(bus, 0x580 + NODE, struct.pack("<BHB4x", 0x60, index, subindex))
 
 
+def read(bus: CanopenDecoder, index: int, subindex: int, data: bytes) -> Record:
+    """An expedited upload; the record of its answer."""
+    feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, index, subindex))
+    head = struct.pack("<BHB", 0x43 | (4 - len(data)) << 2, index, subindex)
+    return feed(bus, 0x580 + NODE, head + data.ljust(4, b"\0"))
+
+
 def values(record: Record) -> dict[str, object]:
     assert isinstance(record, PdoRecord)
     (unit,) = record.units
@@ -114,8 +121,7 @@ def test_a_configured_pdo_that_is_switched_off_comes_back() -> None:
 def test_reading_the_mapping_back_teaches_it_as_well() -> None:
     bus = CanopenDecoder()
     for subindex, value in ((1, 0x60410010), (2, 0x606C0020), (0, 2)):
-        feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x1A00, subindex))
-        feed(bus, 0x580 + NODE, struct.pack("<BHBI", 0x43, 0x1A00, subindex, value))
+        read(bus, 0x1A00, subindex, struct.pack("<I", value))
     assert values(feed(bus, 0x180 + NODE, bytes(6))) == {"Statusword": 0, "Velocity Actual Value": 0}
 
 
@@ -225,8 +231,7 @@ def test_shortened_request_is_shown_with_its_content() -> None:
 
 def test_an_encoder_is_known_by_its_device_type_and_telegram() -> None:
     bus = CanopenDecoder()
-    feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x1000, 0))
-    feed(bus, 0x580 + NODE, struct.pack("<BHBI", 0x43, 0x1000, 0, 0x00020196))
+    read(bus, 0x1000, 0, struct.pack("<I", 0x00020196))
     for subindex, value in ((1, 0x60040020), (0, 1)):
         write(bus, 0x1A00, subindex, struct.pack("<I", value))
     assert values(feed(bus, 0x180 + NODE, struct.pack("<I", 1234))) == {"Position value": 1234}
@@ -264,13 +269,11 @@ def test_a_mode_of_an_unknown_drive_has_the_names_of_every_family_that_has_its_n
 
 def identify(bus: CanopenDecoder, vendor_id: int, product_code: int, name: bytes = b"") -> None:
     """What a gateway reads of a drive at its start."""
-    read = [(0x1000, 0, (402).to_bytes(4, "little")), (0x1018, 1, vendor_id.to_bytes(4, "little"))]
-    read.append((0x1018, 2, product_code.to_bytes(4, "little")))
-    read += [(0x1008, 0, name)] if name else []
-    for index, subindex, data in read:
-        feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, index, subindex))
-        head = struct.pack("<BHB", 0x43 | (4 - len(data)) << 2, index, subindex)
-        feed(bus, 0x580 + NODE, head + data.ljust(4, b"\0"))
+    found = [(0x1000, 0, (402).to_bytes(4, "little")), (0x1018, 1, vendor_id.to_bytes(4, "little"))]
+    found.append((0x1018, 2, product_code.to_bytes(4, "little")))
+    found += [(0x1008, 0, name)] if name else []
+    for index, subindex, data in found:
+        read(bus, index, subindex, data)
 
 
 MAXON = 0xFB
@@ -290,9 +293,7 @@ def test_objects_and_units_of_a_family_are_shown_only_for_its_drives(
     identify(other, MAXON, 1)
     for bus, own in ((unknown, True), (engel, True), (other, False)):
         write(bus, index, 0, data)
-        feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, index, 0))
-        head = struct.pack("<BHB", 0x43 | (4 - len(data)) << 2, index, 0)
-        text = feed(bus, 0x580 + NODE, head + data.ljust(4, b"\0")).summary
+        text = read(bus, index, 0, data).summary
         assert (unit in text) is own
         assert (name in text) is (own or index >= 0x6000)
 
@@ -323,9 +324,7 @@ def test_a_mode_of_a_manufacturer_has_the_name_its_family_gives_it(vendor: int, 
     identify(bus, vendor, PRODUCT_CODE, name[:4])
     if len(name) > 4:
         _segmented(bus, name)
-    feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x6061, 0))
-    response = feed(bus, 0x580 + NODE, struct.pack("<BHBb3x", 0x4F, 0x6061, 0, -3))
-    assert f"= {shown} after" in response.summary
+    assert f"= {shown} after" in read(bus, 0x6061, 0, struct.pack("b", -3)).summary
 
 
 def _segmented(bus: CanopenDecoder, name: bytes) -> None:
