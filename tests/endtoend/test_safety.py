@@ -37,13 +37,11 @@ def config(channel: str, port: int) -> str:
     )
 
 
-def drive_status(port: int) -> str:
-    return pdgw("sim", "inject", "--port", str(port), "status").stdout
-
-
 def is_stopped_and_off(port: int) -> bool:
-    """False also while a busy simulator does not answer."""
-    status = drive_status(port)
+    """What the console of the drive says."""
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as console:
+        console.sendall(b"status\n")
+        status = console.makefile().readline()
     return "Switch On Disabled" in status and re.search(r"velocity 0\b", status) is not None
 
 

@@ -128,7 +128,7 @@ def test_declarations_are_those_that_the_compiler_finds(number: int) -> None:
     text = structured_text(config_of(number))
     compiled = Compiler(lambda: 0, text)
     found = {item.name.upper(): item for item in declarations(text)}
-    assert found.keys() == (compiled.structures.keys() | compiled.units.keys()) - {"TON", "R_TRIG"}
+    assert found.keys() == (compiled.structures.keys() | compiled.units.keys()) - {"TON"}
     for name, structure in compiled.structures.items():
         assert [item.name.upper() for item in found[name].variables] == list(structure.fields)
     for name, item in found.items():

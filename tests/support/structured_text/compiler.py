@@ -1,8 +1,7 @@
 """Compile Structured Text to Python in one pass. Every type is checked; only explicit conversions are done.
 
 Each unit becomes a function of its variables, a dictionary named ``v`` in the generated text. Supported: TYPE with STRUCT,
-PROGRAM, FUNCTION_BLOCK, FUNCTION; assignment, IF, CASE, FOR, WHILE, EXIT, RETURN, calls of blocks. Not supported: global and
-directly represented variables, enumerations, pointers, REPEAT. A CONFIGURATION is skipped.
+PROGRAM, FUNCTION_BLOCK, FUNCTION; assignment, IF, CASE, FOR, WHILE, calls of blocks: what the generated code has.
 """
 
 from __future__ import annotations
@@ -20,20 +19,19 @@ from pdgw.tools.plc.declarations import StructuredTextError, Token, pieces
 from tests.support.structured_text import types
 from tests.support.structured_text.functions import FUNCTIONS, blocks, conversion
 
-SECTIONS = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR", "VAR_TEMP")
+SECTIONS = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR")
 _UNITS = ("PROGRAM", "FUNCTION_BLOCK", "FUNCTION")
 _TIME_UNITS = {"d": 86_400 * SECOND, "h": 3600 * SECOND, "m": 60 * SECOND, "s": SECOND, "ms": MS}
 _LEVELS: Final[tuple[dict[str, str], ...]] = (
     {"OR": "{} | {}"},
-    {"XOR": "{} ^ {}"},
-    {"AND": "{} & {}", "&": "{} & {}"},
+    {"AND": "{} & {}"},
     {"=": "{} == {}", "<>": "{} != {}"},
     {"<": "{} < {}", ">": "{} > {}", "<=": "{} <= {}", ">=": "{} >= {}"},
     {"+": "{} + {}", "-": "{} - {}"},
     {"*": "{} * {}", "/": "quotient({}, {})", "MOD": "remainder({}, {})"},
 )
 """The operators from lowest to highest precedence, with the Python expression of each."""
-_LOGIC, _COMPARISON, _SUM = 3, 5, 5
+_LOGIC, _COMPARISON, _SUM = 2, 4, 4
 """End of the levels of logic and of comparisons; the level of sums."""
 _LOOPS_AT_MOST = 100_000
 
@@ -99,7 +97,7 @@ class Compiler:
         self._names: dict[str, Any] = {**_NAMES, **{f"body_{name}": unit.body for name, unit in self.units.items()}}
         self._lines: list[tuple[str, str]] = []
         """The Python text of the present unit, each line with the source line it comes from."""
-        self._depth = self._loops = 0
+        self._depth = 0
         self._numbers = count()
         while self._token.kind != "end":
             self._declaration()
@@ -135,11 +133,8 @@ class Compiler:
     # -- declarations -------------------------------------------------------------------------------------------------
 
     def _declaration(self) -> None:
-        kind = self._expect("TYPE", "CONFIGURATION", *_UNITS)
-        if kind == "CONFIGURATION":
-            while not self._accept("END_CONFIGURATION"):
-                self._next()
-        elif kind == "TYPE":
+        kind = self._expect("TYPE", *_UNITS)
+        if kind == "TYPE":
             while not self._accept("END_TYPE"):
                 self._structure()
         else:
@@ -168,16 +163,11 @@ class Compiler:
             unit.result = self._type()
             unit.variables[unit.name] = types.Variable(unit.result, "VAR")
         while section := self._accept(*SECTIONS):
-            constant = bool(self._accept("CONSTANT"))
             while not self._accept("END_VAR"):
-                self._variable(unit.variables, section, constant=constant)
+                self._variable(unit.variables, section)
         self._lines = []
         self._emit("def body(v):")
         with self._deeper(), self._guarded():
-            for key, item in unit.variables.items():
-                if item.section == "VAR_TEMP":
-                    self._emit(f"v[{key!r}] = v_{key}.initial")
-                    self._names[f"v_{key}"] = item.type
             self._statements(f"END_{kind}")
         self._next()
         unit.body = self._names[f"body_{unit.name}"] = self._compiled()
@@ -218,7 +208,7 @@ class Compiler:
         body: Callable[[types.Variables], None] = names["body"]
         return body
 
-    def _variable(self, into: dict[str, types.Variable], section: str, *, constant: bool = False) -> None:
+    def _variable(self, into: dict[str, types.Variable], section: str) -> None:
         names = [self._name()]
         while self._accept(","):
             names.append(self._name())
@@ -233,7 +223,7 @@ class Compiler:
         for name in names:
             if name in into or name in self.units:
                 raise self._error(f"{name} is already declared")
-            into[name] = types.Variable(type_, section, start, constant)
+            into[name] = types.Variable(type_, section, start)
 
     def _type(self) -> types.Type:
         name = self._name()
@@ -245,10 +235,6 @@ class Compiler:
             self._expect("]")
             self._expect("OF")
             return types.Array(low, high, self._type())
-        if name == "STRING" and self._accept("["):
-            length = self._integer()
-            self._expect("]")
-            return types.Elementary("STRING", types.Kind.STRING, length)
         found = types.ELEMENTARY.get(name) or self.structures.get(name) or self.units.get(name)
         if found is None or (isinstance(found, types.Unit) and found.kind != "FUNCTION_BLOCK"):
             raise self._error(f"{name}: unknown type (it must be declared before its use)")
@@ -275,7 +261,7 @@ class Compiler:
                 self._statement()
 
     def _statement(self) -> None:
-        key = self._accept("IF", "CASE", "FOR", "WHILE", "EXIT", "RETURN")
+        key = self._accept("IF", "CASE", "FOR", "WHILE")
         if key == "IF":
             self._if()
         elif key == "CASE":
@@ -284,11 +270,6 @@ class Compiler:
             self._for()
         elif key == "WHILE":
             self._while()
-        elif key:
-            if key == "EXIT" and not self._loops:
-                raise self._error("EXIT must be inside a loop")
-            self._expect(";")
-            self._emit("break" if key == "EXIT" else "return")
         else:
             self._assignment_or_call()
 
@@ -357,18 +338,17 @@ class Compiler:
         first = self._fitting(self._expression(), counter.type).code
         self._expect("TO")
         last = self._fitting(self._expression(), counter.type).code
-        step = self._integer() if self._accept("BY") else 1
-        if not counter.writable or not step:
-            raise self._error("FOR needs a variable and a step other than 0")
+        if not counter.writable:
+            raise self._error("FOR needs a variable")
         number, end = f"n{next(self._numbers)}", f"n{next(self._numbers)}"
         self._emit(f"{end} = {last}")
         self._emit(f"{number} = {first}")
-        self._emit(f"while {number} {'<=' if step > 0 else '>='} {end}:")
+        self._emit(f"while {number} <= {end}:")
         self._expect("DO")
         with self._deeper():
             self._emit(f"{counter.code} = {number}")
             self._body_of_a_loop("END_FOR")
-            self._emit(f"{number} += {step}")
+            self._emit(f"{number} += 1")
 
     def _while(self) -> None:
         line = self._token.line
@@ -381,9 +361,7 @@ class Compiler:
         self._emit(f" raise Failed({f'{line}: the loop does not end'!r})")
 
     def _body_of_a_loop(self, end: str) -> None:
-        self._loops += 1
         self._statements(end)
-        self._loops -= 1
         self._next()
         self._expect(";")
 
@@ -484,8 +462,6 @@ class Compiler:
         if given.type is type_ or given.type == type_ or (isinstance(type_, types.Array) and given.type == type_):
             return given
         if isinstance(type_, types.Elementary) and isinstance(given.type, types.Elementary):
-            if type_.kind is types.Kind.STRING and given.type.kind is types.Kind.STRING:
-                return given._replace(type=type_)
             whole = type_.kind in {types.Kind.BITS, types.Kind.SIGNED, types.Kind.UNSIGNED}
             fits = (given.type is types.INTEGER_LITERAL and whole) or (
                 given.type is types.REAL_LITERAL and type_.kind is types.Kind.REAL
@@ -572,8 +548,7 @@ class Compiler:
         variable = self._unit.variables.get(name)
         if variable is None:
             raise self._error(f"{name} is not declared in {self._unit.name}")
-        writable = not variable.constant and variable.section != "VAR_INPUT"
-        found = Expression(variable.type, f"v[{name!r}]", writable)
+        found = Expression(variable.type, f"v[{name!r}]", variable.section != "VAR_INPUT")
         while sign := self._accept(".", "["):
             found = self._field(found) if sign == "." else self._element(found)
         return found

@@ -34,7 +34,6 @@ FUNCTIONS = {
     "SHR": _standard("IN N", "IN", {"N": "INT"}, {Kind.BITS}, lambda value, count: value >> count),
     "ABS": _standard("IN", "IN", {}, _NUMBERS, abs),
     "MIN": _standard("IN1 IN2", "IN1 IN2", {}, _NUMBERS, min),
-    "MAX": _standard("IN1 IN2", "IN1 IN2", {}, _NUMBERS, max),
     "LIMIT": _standard("MN IN MX", "MN IN MX", {}, _NUMBERS, lambda low, value, high: max(low, min(value, high))),
     "SEL": _standard(
         "G IN0 IN1", "IN0 IN1", {"G": "BOOL"}, {*_NUMBERS, Kind.BOOL, Kind.BITS}, lambda g, no, yes: yes if g else no
@@ -65,32 +64,13 @@ def _on_delay(variables: Variables, now: int) -> None:
     variables["Q"] = variables["IN"] and variables["ET"] >= variables["PT"]
 
 
-def _rising(variables: Variables, _: int) -> None:
-    variables["Q"] = variables["CLK"] and not variables["M"]
-    variables["M"] = variables["CLK"]
-
-
 def blocks(now: Callable[[], int]) -> dict[str, Unit]:
-    """TON and R_TRIG. ``now``: time of the controller in nanoseconds."""
-
-    def unit(name: str, does: Callable[[Variables, int], None], **variables: Variable) -> Unit:
-        return Unit("FUNCTION_BLOCK", name, variables, body=lambda values: does(values, now()))
-
-    return {
-        "TON": unit(
-            "TON",
-            _on_delay,
-            IN=Variable(BOOL, "VAR_INPUT"),
-            PT=Variable(TIME, "VAR_INPUT"),
-            Q=Variable(BOOL, "VAR_OUTPUT"),
-            ET=Variable(TIME, "VAR_OUTPUT"),
-            BEGIN=Variable(TIME, "VAR", -1),
-        ),
-        "R_TRIG": unit(
-            "R_TRIG",
-            _rising,
-            CLK=Variable(BOOL, "VAR_INPUT"),
-            Q=Variable(BOOL, "VAR_OUTPUT"),
-            M=Variable(BOOL, "VAR"),
-        ),
+    """TON. ``now``: time of the controller in nanoseconds."""
+    variables = {
+        "IN": Variable(BOOL, "VAR_INPUT"),
+        "PT": Variable(TIME, "VAR_INPUT"),
+        "Q": Variable(BOOL, "VAR_OUTPUT"),
+        "ET": Variable(TIME, "VAR_OUTPUT"),
+        "BEGIN": Variable(TIME, "VAR", -1),
     }
+    return {"TON": Unit("FUNCTION_BLOCK", "TON", variables, body=lambda values: _on_delay(values, now()))}

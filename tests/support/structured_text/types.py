@@ -104,7 +104,6 @@ class Variable:
     type: Type
     section: str = ""
     start: Value = None
-    constant: bool = False
 
 
 @dataclass(slots=True, eq=False)
