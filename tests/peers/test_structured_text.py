@@ -14,9 +14,9 @@ from tests.support.structured_text.controller import Controller
 FRAMES = "VAR_INPUT received : ARRAY[0..1] OF BYTE; END_VAR VAR_OUTPUT sent : ARRAY[0..1] OF BYTE; END_VAR"
 
 
-def result(type_: str, expression: str, variables: str = "") -> Any:
+def result(type_: str, expression: str) -> Any:
     """The value of an expression assigned to a variable of a type."""
-    text = f"FUNCTION_BLOCK Trial VAR x : {type_}; {variables} END_VAR\nx := {expression};\nEND_FUNCTION_BLOCK"
+    text = f"FUNCTION_BLOCK Trial VAR x : {type_}; END_VAR\nx := {expression};\nEND_FUNCTION_BLOCK"
     unit = Compiler(lambda: 0, text).units["TRIAL"]
     values = unit.initial
     unit.body(values)

@@ -56,8 +56,8 @@ class Ear:
 class Bus:
     """Three members that hear each other."""
 
-    def __init__(self, seed: int = 0) -> None:
-        self.world = World(seed)
+    def __init__(self) -> None:
+        self.world = World()
         self.loop = self.world.loop
         self.can = self.world.bus("a", BITRATE)
         self.a, self.b, self.c = (Ear(self.world, self.can.join(name)) for name in "abc")

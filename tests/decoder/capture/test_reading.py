@@ -25,11 +25,11 @@ from tests.decoder.frames.profinet.test_cyclic import frame
 NAMES = Names()
 
 
-def setpoint(stw1: int, speed: int, *, target: int = 0, counter: int = 0, time_ns: int = 0, number: int = 1) -> Packet:
+def setpoint(stw1: int, speed: int, *, target: int = 0, counter: int = 0, time_ns: int = 0) -> Packet:
     """A frame of two axes, telegrams 1 and 9, as EtherType 8892h."""
     values = [(stw1, speed), (0, 0, 0, target, 0, 0, 0, 0)]
     rt = frame([telegram(1), telegram(9)], Direction.SETPOINT, values, counter=counter, status=STATUS_NORMAL)
-    return Packet(number, time_ns, LinkType.ETHERNET, "eth0", bytes(12) + b"\x88\x92" + rt)
+    return Packet(1, time_ns, LinkType.ETHERNET, "eth0", bytes(12) + b"\x88\x92" + rt)
 
 
 def can(cob_id: int, data: bytes, time_ns: int = 0) -> CanPacket:

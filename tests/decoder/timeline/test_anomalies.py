@@ -163,9 +163,9 @@ def run(plc: Plc, word: int | None = None, cycles: int = 40, **values: int) -> N
         plc.exchange()
 
 
-def timeline_of(folder: Path, happens: Callable[[Plc], None], number: int = 1) -> Timeline:
+def timeline_of(folder: Path, happens: Callable[[Plc], None]) -> Timeline:
     """What happened once the drive was online."""
-    with recorded(configuration(axis(1, telegram_number=number)), folder) as plc:
+    with recorded(configuration(axis(1)), folder) as plc:
         plc.until(lambda: plc.state() == 0x40, "online")
         happens(plc)
         file = recording(folder)

@@ -45,12 +45,11 @@ def _udp(frame: bytes) -> bytes:
     return udp_header(*ends, len(frame)) + frame
 
 
-def _rt(direction: Direction, counter: int, word: int, value: int, axes: int = 1) -> bytes:
-    layout = CSduLayout([telegram(1)] * axes, direction)
+def _rt(direction: Direction, counter: int, word: int, value: int) -> bytes:
+    layout = CSduLayout([telegram(1)], direction)
     frame = layout.new_frame(FRAME_ID_TO_DEVICE if direction is Direction.SETPOINT else FRAME_ID_TO_CONTROLLER)
-    for axis in range(axes):
-        layout.halves[axis].encode_into(frame, layout.offsets[axis], (word, value))
-        frame[layout.iops[axis]] = frame[layout.iocs[axis]] = IOPS_GOOD
+    layout.halves[0].encode_into(frame, layout.offsets[0], (word, value))
+    frame[layout.iops[0]] = frame[layout.iocs[0]] = IOPS_GOOD
     TRAILER.pack_into(frame, layout.trailer, counter & 0xFFFF, STATUS_NORMAL, 0)
     return bytes(frame)
 

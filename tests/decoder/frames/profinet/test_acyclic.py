@@ -81,10 +81,8 @@ class Exchange:
         return self.call(decoder, self.caller.read(0, 1, 1, RECORD_GLOBAL), time_ms)
 
 
-def change(pnu: int, value: int, reference: int = 3, do_id: int = 1) -> Request:
-    return Request(
-        reference, RequestId.CHANGE, do_id, (ParameterAddress(pnu),), (Values(DataType.UNSIGNED16, (value,)),)
-    )
+def change(pnu: int, value: int) -> Request:
+    return Request(3, RequestId.CHANGE, 1, (ParameterAddress(pnu),), (Values(DataType.UNSIGNED16, (value,)),))
 
 
 class Observer(CyclicDecoder):
