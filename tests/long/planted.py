@@ -1,9 +1,9 @@
-"""Defects of the power stage, planted in the gateway: the walk and the soak have to find each."""
+"""Defects planted in the gateway: how they are planted, and those of the power stage that the walk and the soak have to find."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Any, Final
 
 import pytest
 
@@ -17,6 +17,17 @@ Patch = pytest.MonkeyPatch
 Plant = Callable[[Patch], None]
 FOLLOW: Final = (Phase.FOLLOW,)
 _EVERY: Final = tuple(Drive)
+
+
+def replaced(place: object, name: str, value: object) -> Plant:
+    """Another attribute."""
+    return lambda patch: patch.setattr(place, name, value)
+
+
+def wrapped(place: type, name: str, around: Callable[..., Any]) -> Plant:
+    """A method replaced by ``around``, which gets the original method and the arguments."""
+    method = getattr(place, name)
+    return replaced(place, name, lambda *arguments, **named: around(method, *arguments, **named))
 
 
 def row(

@@ -29,7 +29,7 @@ from pdgw.gateway.motion.requests import Motion
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.frame import SignOfLife
-from tests.long.planted import FOLLOW, LOCKS, Patch, Plant, each_cell, row
+from tests.long.planted import FOLLOW, LOCKS, Patch, Plant, each_cell, replaced, row, wrapped
 from tests.long.rules import Rule
 from tests.long.walk.cases import LONG_TICK_NS, Case
 from tests.long.walk.values import Plc, Shown
@@ -54,74 +54,46 @@ class Narrow(Case):
         return [item for item in Case._shown(self) if item.name.startswith(kept)]
 
 
-def speed_stands_in_a_stop(patch: Patch) -> None:
-    step = SpeedExecutor.step
-
-    def wrong(self: SpeedExecutor) -> Reason | None:
-        reason = step(self)
-        self.command.target_velocity = self._value
-        return reason
-
-    patch.setattr(SpeedExecutor, "step", wrong)
+def speed_stands_in_a_stop(method: Any, self: SpeedExecutor) -> Reason | None:
+    reason: Reason | None = method(self)
+    self.command.target_velocity = self._value
+    return reason
 
 
-def standing_task_bit_starts(patch: Patch) -> None:
-    find = MdiPositioner._find_edges
-
-    def wrong(self: MdiPositioner) -> None:
-        find(self)
-        self._edges |= ACTIVATE & self.request.commands
-
-    patch.setattr(MdiPositioner, "_find_edges", wrong)
+def standing_task_bit_starts(method: Any, self: MdiPositioner) -> None:
+    method(self)
+    self._edges |= ACTIVATE & self.request.commands
 
 
-def brake_ends_with_the_drive(patch: Patch) -> None:
-    step = StopWatch.step
-
-    def wrong(self: StopWatch, limit: Limit, state: State | None, seen: bool, *rest: Any) -> bool:
-        if not seen:
-            self.over()
-        return step(self, limit, state, seen, *rest)
-
-    patch.setattr(StopWatch, "step", wrong)
+def brake_ends_with_the_drive(
+    method: Any, self: StopWatch, limit: Limit, state: State | None, seen: bool, *rest: Any
+) -> Any:
+    if not seen:
+        self.over()
+    return method(self, limit, state, seen, *rest)
 
 
-def standing_homing_bit_starts(patch: Patch) -> None:
-    request = MdiPositioner._take_homing
-
-    def wrong(self: MdiPositioner) -> bool:
-        self._edges |= HOME & self.request.commands
-        return request(self)
-
-    patch.setattr(MdiPositioner, "_take_homing", wrong)
+def standing_homing_bit_starts(method: Any, self: MdiPositioner) -> Any:
+    self._edges |= HOME & self.request.commands
+    return method(self)
 
 
-def standing_homing_bit_of_a_positioner_starts(patch: Patch) -> None:
-    events = Positioner._events
-    patch.setattr(
-        Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: HOME & self.request.commands}
-    )
+def standing_homing_bit_of_a_positioner_starts(method: Any, self: Positioner) -> Any:
+    return {**method(self), Event.HOMING: lambda: HOME & self.request.commands}
 
 
 def homing_goes_on_without_its_bit(patch: Patch) -> None:
-    patch.setattr(MdiPositioner, "_homes", lambda _: True)
-    events = MdiPositioner._events
-    never = {Event.HOMING_WITHDRAWN: lambda: False}
-    patch.setattr(MdiPositioner, "_events", lambda self: {**events(self), **never})
+    replaced(MdiPositioner, "_homes", lambda _: True)(patch)
+    wrapped(MdiPositioner, "_events", lambda method, self: method(self) | {Event.HOMING_WITHDRAWN: lambda: False})(
+        patch
+    )
 
 
-def handshake_waits_without_a_reason(patch: Patch) -> None:
-    patch.setattr(MotionExecutor, "_await_acknowledge", lambda _: None)
-
-
-def setpoint_is_repeated(patch: Patch) -> None:
-    def wrong(self: MotionExecutor, motion: Motion, given: int) -> bool:
-        overdue = self.inputs.now - self._set_at >= ACKNOWLEDGE_NS
-        if overdue:
-            self._seen.given = 0
-        return overdue
-
-    patch.setattr(MotionExecutor, "_replaces", wrong)
+def setpoint_is_repeated(self: MotionExecutor, motion: Motion, given: int) -> bool:
+    overdue = self.inputs.now - self._set_at >= ACKNOWLEDGE_NS
+    if overdue:
+        self._seen.given = 0
+    return overdue
 
 
 DEFAULT = Narrow(1)
@@ -161,37 +133,46 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
     ),
     "restart forgotten": (
         Narrow(1, also=("restarted",)),
-        lambda patch: patch.setattr(Interlock, "restarted", lambda _: None),
+        replaced(Interlock, "restarted", lambda _: None),
     ),
-    "speed stands in a stop": (DEFAULT, speed_stands_in_a_stop),
+    "speed stands in a stop": (DEFAULT, wrapped(SpeedExecutor, "step", speed_stands_in_a_stop)),
     "operation shown in a stop": (DEFAULT, each_cell(lambda cell: replace(cell, operating=True))),
     "OFF2 and OFF3 after a loss ignored": (
         RAMP,
-        lambda patch: patch.setattr(AxisMachine, "_stop_without_plc", lambda _: None),
+        replaced(AxisMachine, "_stop_without_plc", lambda _: None),
     ),
     "loss of the sign of life ignored": (
         Narrow(2, life=1),
-        lambda patch: patch.setattr(SignOfLife, "failed", False),
+        replaced(SignOfLife, "failed", False),
     ),
-    "drive that does not stop left alone": (GUARDING, lambda patch: patch.setattr(StopWatch, "step", lambda *_: False)),
-    "brake released when the drive is lost": (GUARDING, brake_ends_with_the_drive),
-    "standing task bit starts": (Narrow(9), standing_task_bit_starts),
-    "standing homing bit starts": (Narrow(9, homing=True, tick_ns=LONG_TICK_NS), standing_homing_bit_starts),
+    "drive that does not stop left alone": (GUARDING, replaced(StopWatch, "step", lambda *_: False)),
+    "brake released when the drive is lost": (GUARDING, wrapped(StopWatch, "step", brake_ends_with_the_drive)),
+    "standing task bit starts": (Narrow(9), wrapped(MdiPositioner, "_find_edges", standing_task_bit_starts)),
+    "standing homing bit starts": (
+        Narrow(9, homing=True, tick_ns=LONG_TICK_NS),
+        wrapped(MdiPositioner, "_take_homing", standing_homing_bit_starts),
+    ),
     "homing goes on without its bit": (Narrow(9, homing=True, tick_ns=LONG_TICK_NS), homing_goes_on_without_its_bit),
     "standing homing bit of a positioner starts": (
         Narrow(110, homing=True, tick_ns=LONG_TICK_NS),
-        standing_homing_bit_of_a_positioner_starts,
+        wrapped(Positioner, "_events", standing_homing_bit_of_a_positioner_starts),
     ),
     "standing jog bit starts": (
         Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
-        lambda patch: patch.setattr(Positioner, "_jog_asked", lambda self: self._jog_bit() > 0),
+        replaced(Positioner, "_jog_asked", lambda self: self._jog_bit() > 0),
     ),
     "jog goes on without its bit": (
         Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
-        lambda patch: patch.setattr(Positioner, "_jog_bit", lambda self: self._jog or 1),
+        replaced(Positioner, "_jog_bit", lambda self: self._jog or 1),
     ),
-    "handshake waits without a reason": (Narrow(9, tick_ns=LONG_TICK_NS), handshake_waits_without_a_reason),
-    "setpoint is repeated": (Narrow(7, tick_ns=LONG_TICK_NS), setpoint_is_repeated),
+    "handshake waits without a reason": (
+        Narrow(9, tick_ns=LONG_TICK_NS),
+        replaced(MotionExecutor, "_await_acknowledge", lambda _: None),
+    ),
+    "setpoint is repeated": (
+        Narrow(7, tick_ns=LONG_TICK_NS),
+        replaced(MotionExecutor, "_replaces", setpoint_is_repeated),
+    ),
     "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
 }
 

@@ -34,6 +34,12 @@ from tests.long.soak.words import Words
 
 NOT_DRAWN = {"slow-sdo", "slow-boot", "unguarded", "csp"}
 """Shapes that need minutes to come online, and two that the gateway refuses."""
+BY_NAME = {disturbance.name: disturbance for disturbance in DISTURBANCES}
+
+
+def run_of(seed: int, number: int) -> SoakRun:
+    """A run of one axis that keeps its telegram."""
+    return SoakRun(next(parts(seed, 1, [number])), keep_telegrams=True)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -45,7 +51,7 @@ def test_short_soak_of_drawn_axes_finds_nothing(seed: int) -> None:
 
 @pytest.mark.parametrize("number", [9, 100, 111])
 def test_short_soak_of_each_executor_finds_nothing(number: int) -> None:
-    soak_run = SoakRun(next(parts(7, 1, [number])), keep_telegrams=True)
+    soak_run = run_of(7, number)
     soak_run.play(20 * SECOND)
     assert soak_run.starts >= 2
 
@@ -84,28 +90,23 @@ def test_parts_follow_each_other_with_as_many_cycles_each() -> None:
 
 def test_every_trouble_begins_and_ends() -> None:
     """Drawn by weight: each has its turn within minutes; here they begin one after the other."""
-    soak_run = SoakRun(next(parts(11, 1, [1])), keep_telegrams=True)
+    soak_run = run_of(11, 1)
     soak_run.play(5 * SECOND)
     for disturbance in DISTURBANCES:
         undo = disturbance.begin(soak_run, soak_run.axes[0], Random(1))
         soak_run.play(soak_run.loop.now() + SECOND // 10)
         undo()
-    assert {disturbance.name for disturbance in DISTURBANCES} >= {
-        "PLC: IOPS BAD",
-        "bus: other master",
-        "network: second PLC",
-    }
+    assert BY_NAME.keys() >= {"PLC: IOPS BAD", "bus: other master", "network: second PLC"}
 
 
 def test_gateway_that_ended_starts_again_when_interface_is_plugged_in() -> None:
-    soak_run = SoakRun(next(parts(11, 1, [1])), keep_telegrams=True)
+    soak_run = run_of(11, 1)
     soak_run.play(SECOND)
-    disturbances = {disturbance.name: disturbance for disturbance in DISTURBANCES}
-    soak_run.begin_disturbance(disturbances["bus: other master"], soak_run.axes[0], MS)
+    soak_run.begin_disturbance(BY_NAME["bus: other master"], soak_run.axes[0], MS)
     ended = soak_run.daemon
     while not ended.stopped.is_set():
         soak_run.play(soak_run.loop.now() + MS // 5)
-    soak_run.begin_disturbance(disturbances[UNPLUGGED], soak_run.axes[0], SECOND)
+    soak_run.begin_disturbance(BY_NAME[UNPLUGGED], soak_run.axes[0], SECOND)
     soak_run.play(soak_run.loop.now() + SECOND // 2)
     assert soak_run.daemon is ended
     soak_run.play(soak_run.loop.now() + SECOND)
@@ -113,13 +114,13 @@ def test_gateway_that_ended_starts_again_when_interface_is_plugged_in() -> None:
 
 
 def test_gateway_that_starts_again_has_the_drives_own_torque_limit_of_the_one_before() -> None:
-    soak_run = SoakRun(next(parts(11, 1, [102])), keep_telegrams=True)
+    soak_run = run_of(11, 102)
     soak_run.play(5 * SECOND)
     axis, before = soak_run.axes[0], soak_run.daemon
     kept = before.store.parameters.drive_object(1).own_values
     assert [item.index for item in kept.values] == [0x6072]
     axis.drive.node.model.max_torque = 1
-    soak_run.begin_disturbance(next(item for item in DISTURBANCES if item.name == "bus: other master"), axis, MS)
+    soak_run.begin_disturbance(BY_NAME["bus: other master"], axis, MS)
     while soak_run.daemon is before or not soak_run.daemon.clients[0].generation:
         soak_run.play(soak_run.loop.now() + MS)
     drive = soak_run.daemon.axes[0].drive.drive_type
@@ -133,7 +134,7 @@ def test_frame_that_was_overtaken_is_no_reason_for_another_off(
     delay_ms: int, place: str, value: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The gateway drops it. By the rule of PROFINET a counter counts as new again when it is more than 128 ms old."""
-    soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
+    soak_run = run_of(7, 1)
     network, layout = soak_run.world.network, CSduLayout([telegram(1)], Direction.SETPOINT)
     frames: list[tuple[Address, Address, bytes]] = []
     network.arrivals.append(lambda _, source, target, data: frames.append((source, target, data)))
@@ -153,9 +154,7 @@ def test_frame_that_was_overtaken_is_no_reason_for_another_off(
 
 def test_enable_operation_repeated_although_drive_left_operation_is_a_new_command() -> None:
     """The first word after the time in which the gateway can have reacted, while the drive is lost."""
-    axis = _left_operation_in_a_ramp()
-    loop = axis.drive.loop
-    assert isinstance(loop, VirtualLoop)
+    axis, loop = _left_operation_in_a_ramp()
     axis.check(loop.now(), reached=False, zsw1=None)
     loop.run_for(axis.reaction_ns + axis.late_ns)
     axis.commanded(loop.now(), 0xF)
@@ -163,9 +162,9 @@ def test_enable_operation_repeated_although_drive_left_operation_is_a_new_comman
         axis._entered(State.OPERATION_ENABLED)
 
 
-def _left_operation_in_a_ramp() -> SoakAxis:
+def _left_operation_in_a_ramp() -> tuple[SoakAxis, VirtualLoop]:
     """Enable Operation was sent in a ramp after a provider STOP; then the drive left operation by its enable input."""
-    soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
+    soak_run = run_of(7, 1)
     axis, loop = soak_run.axes[0], soak_run.loop
     axis.drive.model.watchers.clear()
     axis.asked(loop.now(), bytes([0x04, 0x7F, 0, 0]), certain=True)
@@ -178,7 +177,7 @@ def _left_operation_in_a_ramp() -> SoakAxis:
     loop.run_for(MS)
     axis._entered(State.SWITCHED_ON)
     loop.run_for(MS)
-    return axis
+    return axis, loop
 
 
 _IN_TIME, _LATE = MS, SECOND
@@ -204,9 +203,7 @@ def test_start_after_loss_counts_when_gateway_enables_or_does_not_take_back(
     """The input is back: by an Enable Operation from before, also repeated since, the drive may start only until the gateway
     can have reacted.
     """
-    axis = _left_operation_in_a_ramp()
-    loop = axis.drive.loop
-    assert isinstance(loop, VirtualLoop)
+    axis, loop = _left_operation_in_a_ramp()
     for word in words:
         axis.commanded(loop.now(), word)
     if not reached:
@@ -225,7 +222,7 @@ def test_drive_turns_after_loss_only_until_stop_behind_held_frame(
     enabled_ms: int, started_ms: int, rejected: bool
 ) -> None:
     """Times since the loss, checked after 10 s: the controller sent an Enable Operation late, and the stop after it."""
-    soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
+    soak_run = run_of(7, 1)
     (axis,), loop = soak_run.axes, soak_run.loop
     model = axis.drive.model
     model.watchers.clear()
@@ -245,7 +242,7 @@ def test_drive_turns_after_loss_only_until_stop_behind_held_frame(
 
 def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:
     """The drive has its own mapping then, and takes no RPDO."""
-    soak_run = SoakRun(next(parts(7, 1, [9])), keep_telegrams=True)
+    soak_run = run_of(7, 9)
     soak_run.play(2 * SECOND)
     (axis,) = soak_run.axes
     rpdos = axis.drive.node.pdos.received.items()
@@ -271,15 +268,6 @@ def test_parts_draw_every_setting_there_is() -> None:
         assert {min(ends), max(ends)} == {0, 100}
 
 
-@pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
-def test_configuration_of_each_telegram_is_valid(number: int) -> None:
-    plan = draw_plan(Random(number), 1, [number])
-    (axis,) = plan.configuration("bus", "192.168.0.10", "192.168.0.20").axis
-    assert axis.telegram == number
-    assert set(axis.telegrams) == set(DRIVE_TELEGRAM_NUMBERS)
-    assert plan.axes[0].shape in shapes_of(number)
-
-
 class _ShortestCycle(Random):
     """Draws the first of each sequence."""
 
@@ -292,7 +280,10 @@ def test_gateway_accepts_every_pair_of_telegrams_at_each_drawn_cycle() -> None:
     plans = [draw_plan(_ShortestCycle(0), 2, pair) for pair in pairs]
     assert {plan.cycle_ms for plan in plans} == {1, 2}, "2 ms for two axes with DSC"
     for plan in plans:
-        plan.configuration("bus", "192.168.0.10", "192.168.0.20")
+        axes = plan.configuration("bus", "192.168.0.10", "192.168.0.20").axis
+        assert [axis.telegram for axis in axes] == [axis.telegram for axis in plan.axes]
+        assert all(set(axis.telegrams) == set(DRIVE_TELEGRAM_NUMBERS) for axis in axes)
+        assert all(axis.shape in shapes_of(axis.telegram) for axis in plan.axes)
 
 
 def test_control_words_stand_for_one_frame_up_to_seconds() -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,11 +14,11 @@ from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.motion.positioner import ACTIVATE, Positioner
 from pdgw.gateway.motion.requests import HomingResult
 from pdgw.gateway.motion.travel import Course
+from tests.long.planted import Patch, Plant, replaced, wrapped
 from tests.long.rules import Rule
 from tests.long.walk.handshakes import Handshakes, Orders, every, short
 from tests.long.walk.shaft import Character, Signal, Wrong
 
-Patch = pytest.MonkeyPatch
 FIGURES = Path(__file__).parents[2] / "docs" / "walk.txt"
 
 
@@ -35,45 +35,28 @@ def test_each_handshake_has_another_name() -> None:
     assert len(set(names)) == len(names)
 
 
-def homing_ends_at_once(patch: Patch) -> None:
-    patch.setattr(Homing, "run", lambda _: HomingResult.ATTAINED)
+def probe_counts_when_armed(method: Any, self: Positioner) -> None:
+    method(self)
+    self.result.home_set = self.result.home_set or self.result.probe
 
 
-def probe_counts_when_armed(patch: Patch) -> None:
-    step = Positioner._home_on_the_fly
-
-    def wrong(self: Positioner) -> None:
-        step(self)
-        self.result.home_set = self.result.home_set or self.result.probe
-
-    patch.setattr(Positioner, "_home_on_the_fly", wrong)
+def standing_task_bit_starts(method: Any, self: Positioner) -> None:
+    method(self)
+    self._edges |= ACTIVATE & self.request.commands
 
 
-def standing_task_bit_starts(patch: Patch) -> None:
-    find = Positioner._find_edges
-
-    def wrong(self: Positioner) -> None:
-        find(self)
-        self._edges |= ACTIVATE & self.request.commands
-
-    patch.setattr(Positioner, "_find_edges", wrong)
+def seen_by_the_statusword(method: Any, self: PositionerExecutor) -> None:
+    method(self)
+    self._seen.reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
 
 
 def reached_by_the_statusword(patch: Patch) -> None:
-    state = PositionerExecutor._read_state
-
-    def wrong(self: Course) -> bool:
-        return self.goal is not None and self.sent > 0 and self.seen.reached
-
-    def read(self: PositionerExecutor) -> None:
-        state(self)
-        self._seen.reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
-
-    patch.setattr(PositionerExecutor, "_read_state", read)
-    patch.setattr(Course, "arrived", wrong)
+    wrapped(PositionerExecutor, "_read_state", seen_by_the_statusword)(patch)
+    arrived = lambda self: self.goal is not None and self.sent > 0 and self.seen.reached  # noqa: E731
+    replaced(Course, "arrived", arrived)(patch)
 
 
-PLANTED: dict[str, tuple[Handshakes, Rule, Callable[[Patch], None]]] = {
+PLANTED: dict[str, tuple[Handshakes, Rule, Plant]] = {
     "reached by the Statusword alone": (
         Handshakes(110, Orders.TASKS, Character(wrong=Wrong.EARLY)),
         Rule.REACHED,
@@ -82,21 +65,33 @@ PLANTED: dict[str, tuple[Handshakes, Rule, Callable[[Patch], None]]] = {
     "a drive that goes on is not held": (
         Handshakes(110, Orders.TASKS, Character(keeps=True)),
         Rule.STOPS,
-        lambda patch: patch.setattr(MotionExecutor, "_stays_halted", lambda _: False),
+        replaced(MotionExecutor, "_stays_halted", lambda _: False),
     ),
     "intermediate stop ignored": (
         Handshakes(110, Orders.TASKS),
         Rule.STOPS,
-        lambda patch: patch.setattr(Course, "_hold", lambda *_: None),
+        replaced(Course, "_hold", lambda *_: None),
     ),
     "no reason without an acknowledge": (
         Handshakes(110, Orders.TASKS, Character(signal=Signal.ANSWER, wrong=Wrong.NEVER)),
         Rule.WAITS,
-        lambda patch: patch.setattr(MotionExecutor, "_await_acknowledge", lambda _: None),
+        replaced(MotionExecutor, "_await_acknowledge", lambda _: None),
     ),
-    "homing ends at once": (Handshakes(9, Orders.HOMING), Rule.HOMED, homing_ends_at_once),
-    "probe counts when it is armed": (Handshakes(111, Orders.PROBE), Rule.HOMED, probe_counts_when_armed),
-    "standing task bit starts": (Handshakes(7, Orders.TASKS), Rule.MOVES, standing_task_bit_starts),
+    "homing ends at once": (
+        Handshakes(9, Orders.HOMING),
+        Rule.HOMED,
+        replaced(Homing, "run", lambda _: HomingResult.ATTAINED),
+    ),
+    "probe counts when it is armed": (
+        Handshakes(111, Orders.PROBE),
+        Rule.HOMED,
+        wrapped(Positioner, "_home_on_the_fly", probe_counts_when_armed),
+    ),
+    "standing task bit starts": (
+        Handshakes(7, Orders.TASKS),
+        Rule.MOVES,
+        wrapped(Positioner, "_find_edges", standing_task_bit_starts),
+    ),
 }
 
 

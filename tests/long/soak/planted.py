@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import Any, Final
@@ -23,7 +23,7 @@ from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.profidrive.frame import IOPS_GOOD
-from tests.long.planted import LOCKS, Patch, Plant, each_cell
+from tests.long.planted import LOCKS, Patch, Plant, each_cell, replaced, wrapped
 from tests.long.rules import FAULTY
 from tests.long.soak.calm import CalmRun, draw_calm
 from tests.long.soak.plan import parts
@@ -44,16 +44,6 @@ class Found:
 
     time_ns: int | None
     message: str
-
-
-def _replaced(place: object, name: str, value: object) -> Plant:
-    return lambda patch: patch.setattr(place, name, value)
-
-
-def _wrapped(place: type, name: str, around: Callable[..., Any]) -> Plant:
-    """Replace a method by ``around``, which gets the original method and the arguments."""
-    method = getattr(place, name)
-    return _replaced(place, name, lambda *arguments, **named: around(method, *arguments, **named))
 
 
 def _unguarded(plant: Plant) -> Plant:
@@ -112,23 +102,23 @@ _QUICK_STOP_COASTS: Final = each_cell(
 )
 
 DEFECTS: Final[Mapping[str, Plant]] = {
-    "setpoints stay in force after a loss of the PLC": _replaced(CyclicEndpoint, "lose_setpoints", lambda self: None),
-    "a lost PLC does not stop the drive": _replaced(
+    "setpoints stay in force after a loss of the PLC": replaced(CyclicEndpoint, "lose_setpoints", lambda self: None),
+    "a lost PLC does not stop the drive": replaced(
         interlock, "_NO_PLC", dict.fromkeys(PlcLossReaction, PowerWish.ENABLE)
     ),
-    "a lost drive is not brought up again": _wrapped(NodeClient, "_bring_up", _never_again),
-    "an EMCY is not in the fault buffer": _replaced(NodeWatch, "_emergency", lambda self, notice: None),
-    "the drive gets twice the speed": _wrapped(SpeedAdapter, "read", _speed_doubled),
-    "ZSW1.10 is always 1": _wrapped(
+    "a lost drive is not brought up again": wrapped(NodeClient, "_bring_up", _never_again),
+    "an EMCY is not in the fault buffer": replaced(NodeWatch, "_emergency", lambda self, notice: None),
+    "the drive gets twice the speed": wrapped(SpeedAdapter, "read", _speed_doubled),
+    "ZSW1.10 is always 1": wrapped(
         ControlWordAdapter, "status", lambda method, self, flags: method(self, flags | Flag.REACHED)
     ),
-    "the drive follows a PLC in STOP": _wrapped(CyclicEndpoint, "_check", _stop_accepted),
-    "the drive follows setpoints with IOPS BAD": _wrapped(CyclicEndpoint, "_take", _iops_ignored),
-    "a Statusword older than the command counts as new": _unguarded(_replaced(interlock, "_LEAVING", Drive.OPERATING)),
+    "the drive follows a PLC in STOP": wrapped(CyclicEndpoint, "_check", _stop_accepted),
+    "the drive follows setpoints with IOPS BAD": wrapped(CyclicEndpoint, "_take", _iops_ignored),
+    "a Statusword older than the command counts as new": _unguarded(replaced(interlock, "_LEAVING", Drive.OPERATING)),
     "a TPDO that shows every motion counts as not sent": _never_trusted,
     **{text: _unguarded(plant) for text, plant in LOCKS.items()},
-    "a fault of the drive does not lock": _unguarded(_wrapped(Interlock, "step", _fault_ignored)),
-    "a silent drive counts as online": _unguarded(_wrapped(Interlock, "step", _never_lost)),
+    "a fault of the drive does not lock": _unguarded(wrapped(Interlock, "step", _fault_ignored)),
+    "a silent drive counts as online": _unguarded(wrapped(Interlock, "step", _never_lost)),
     "Quick Stop is sent as Shutdown": _QUICK_STOP_COASTS,
 }
 """The defects by what they break."""
