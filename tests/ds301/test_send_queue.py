@@ -1,4 +1,4 @@
-"""The send queue of a bus in virtual time: every axis has its turn, a stop has it first, the Controlword follows its data."""
+"""The send queue of a bus in virtual time: a turn for every axis, a stop first; turns of tasks; the load of a bus."""
 
 from __future__ import annotations
 
@@ -8,11 +8,17 @@ from itertools import pairwise
 from unittest.mock import patch
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from pdgw.ds301.bus.load import frame_bits
+from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.bus.load import CyclicFrames, bus_load, check_load, frame_bits, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.send_queue import FrameQueue, SendQueue
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
+from pdgw.ds301.loop.jobs import Turns
+from pdgw.ds301.loop.loop import Task
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.ds301.node.plan import PdoPlan, straight_plan
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
@@ -246,3 +252,109 @@ def test_a_frame_queue_takes_a_bounded_number_of_frames() -> None:
     assert not queue.flush()
     queue.clear()
     assert queue.flush()
+
+
+# -- turns of tasks and SDO requests ----------------------------------------------------------------------------------
+
+
+class Workers:
+    """Tasks that each work for 10 ms when they have a turn."""
+
+    def __init__(self, limit: int, count: int) -> None:
+        self.loop = VirtualLoop()
+        self.turns = Turns(self.loop, limit)
+        self.began: list[int] = []
+        self.most = self._busy = 0
+        self.tasks: list[Task] = [self.loop.spawn(lambda n=n: self._work(n), str(n)) for n in range(count)]  # type: ignore[misc]
+
+    def _work(self, number: int) -> None:
+        with self.turns:
+            self.began.append(number)
+            self._busy += 1
+            self.most = max(self.most, self._busy)
+            try:
+                self.loop.sleep(10 * MS)
+            finally:
+                self._busy -= 1
+
+
+def test_tasks_have_their_turn_in_order_and_so_many_at_a_time() -> None:
+    workers = Workers(3, 10)
+    workers.loop.run_for(SECOND)
+    assert (workers.began, workers.most) == (list(range(10)), 3)
+
+
+def test_a_turn_of_a_task_that_is_ended_goes_to_the_next() -> None:
+    workers = Workers(1, 5)
+    workers.loop.run_for(5 * MS)
+    for number in (0, 1, 3):
+        workers.tasks[number].kill()
+    workers.loop.run_for(SECOND)
+    assert workers.began == [0, 2, 4]
+    workers.loop.spawn(lambda: workers._work(9), "late")
+    workers.loop.run_for(SECOND)
+    assert workers.began[-1] == 9
+
+
+def test_sdo_requests_and_answers_take_half_of_what_the_load_leaves() -> None:
+    exchange = 2 * frame_bits(8)
+    assert sdo_gap_ns(0.6, 1_000_000) == exchange * 5_000
+    assert sdo_gap_ns(0.0, 125_000) == exchange * 16_000
+    assert sdo_gap_ns(1.5, 1_000_000) == exchange * 10_000, "a tenth at least"
+
+
+def test_sdo_requests_keep_their_gap_and_an_urgent_one_does_not_wait() -> None:
+    world = World()
+    world.bus("a").join("listener")
+    config = CanConfig(interface="virtual", channel="a")
+    network = CanNetwork(world.loop, lambda: world.open_can(config))
+    network.start()
+    network.leave_room(MS, 100 * MS)
+    assert network.bring_ups.limit == 25, "each waits a quarter of its time at most"
+    seen: list[tuple[int, int]] = []
+    begin = world.loop.now()
+    world.bus("a").taps.append(lambda now, _member, can_id, _data: seen.append(((now - begin) // MS, can_id)))
+    for node_id in range(1, 6):
+        network.send_acyclic(SDO_REQUEST + node_id, bytes(8))
+        network.send_acyclic(SDO_REQUEST + node_id, bytes(8))
+    network.send_first(SDO_REQUEST + 9, bytes(8))
+    world.loop.run_for(SECOND)
+    repeated, once = [(0, 0x601), (0, 0x609), (1, 0x601)], [(2, 0x602), (3, 0x603), (4, 0x604), (5, 0x605)]
+    assert seen == repeated + once, "a request that still waits is not sent twice"
+    network.close()
+
+
+# -- bus load ---------------------------------------------------------------------------------------------------------
+
+
+def test_an_8_byte_frame_takes_111_to_135_bit_times() -> None:
+    assert (frame_bits(8, worst=False), frame_bits(8)) == (111, 135)
+
+
+@pytest.mark.parametrize(("worst", "rate"), [(True, 7407), (False, 9009)])
+def test_frames_per_second_at_1_mbit(worst: bool, rate: int) -> None:
+    assert 1_000_000 // frame_bits(8, worst=worst) == rate
+
+
+@given(size=st.integers(0, 7))
+def test_longer_frames_take_longer(size: int) -> None:
+    assert frame_bits(size) < frame_bits(size + 1)
+
+
+def test_a_full_bus_is_refused_with_its_numbers() -> None:
+    fits = [CyclicFrames("TPDO1", 8, 7407)]
+    assert bus_load(fits, 1_000_000) == pytest.approx(1, abs=0.001)
+    assert check_load("can", fits, 1_000_000) <= 1
+    with pytest.raises(CanopenError, match=r"bus can.*7500 frames/s at 1000000 bit/s"):
+        check_load("can", [CyclicFrames("TPDO1", 8, 7500)], 1_000_000)
+
+
+@pytest.mark.parametrize("size", [-1, 9])
+def test_impossible_frame_length_is_rejected(size: int) -> None:
+    with pytest.raises(CanopenError, match=r"0\.\.8"):
+        frame_bits(size)
+
+
+def test_a_bus_without_bitrate_is_refused() -> None:
+    with pytest.raises(CanopenError, match="bitrate: 0"):
+        bus_load([CyclicFrames("TPDO1", 8, 1)], 0)

@@ -1,21 +1,29 @@
-"""The drive as a value: what its data sheet, its answers and its overlay make of it."""
+"""The drive as a value, made of its data sheet, its answers and its overlay; without a data sheet; with a family of the user."""
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 
+import pdgw
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import Dsp402Error, Quantity, Turntable
+from pdgw.dsp402.identification import overlay as families
 from pdgw.dsp402.identification.describe import answers_of_defaults, describe, questions
+from pdgw.dsp402.identification.generic import dictionary_of, discovered_dictionary, generic_dictionary
 from pdgw.dsp402.identification.overlay import overlay, overlay_for, overlays, parse_overlay
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, SUPPORTED_DRIVE_MODES, SUPPORTED_HOMING_METHODS
-from pdgw.peers.drive.objects import DRIVE_FAULTS, HOMING_METHODS, OBJECTS
+from pdgw.gateway.configuration.file import config_text, load_config, parse_config
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.drive.objects import DRIVE_FAULTS, HOMING_METHODS, OBJECTS, PRODUCT_CODE, VENDOR_ID, drive_objects
+from tests.support.cli import pdgw as command
 from tests.support.drives.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary
 
 MINIMAL = 'title = "a"\nsources = ["b"]\n'
@@ -80,7 +88,7 @@ def test_without_modes_in_6502h_they_follow_from_the_objects(answers: dict[tuple
 def test_the_device_is_asked_only_for_what_its_data_sheet_has() -> None:
     asked = questions(engel_dictionary())
     assert asked[:3] == (IDENTITY_VENDOR, IDENTITY_PRODUCT, (SUPPORTED_DRIVE_MODES, 0))
-    optional = {(index, 0) for index in (0x606B, 0x6078, 0x6084, 0x60FD)}
+    optional = {(index, 0) for index in (0x606B, 0x6078, 0x6081, 0x6084, 0x60FD)}
     assert {*asked[3:]} == {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | optional | {(0x6067, 0)}
 
 
@@ -109,7 +117,7 @@ def test_value_has_the_profiles_sign_or_is_missing_if_out_of_range(
 ) -> None:
     dictionary = copy.deepcopy(engel_dictionary())
     dictionary[index].data_type = declared.code
-    drive = describe(dictionary, {IDENTITY_VENDOR: 0})
+    drive = describe(dictionary, {IDENTITY_VENDOR: 0, (index, 0): 0})
     assert [entry.type for entry in drive.entries.values() if entry.index == index] == ([found] if found else [])
 
 
@@ -117,7 +125,7 @@ def test_limits_of_a_data_sheet_do_not_go_beyond_the_type() -> None:
     dictionary = copy.deepcopy(engel_dictionary())
     dictionary[0x6081].data_type = CanType.I32.code
     dictionary[0x6081].min, dictionary[0x6081].max = -5000, 5000
-    assert describe(dictionary, {IDENTITY_VENDOR: 0}).limits("profile_velocity") == (0, 5000)
+    assert describe(dictionary, {IDENTITY_VENDOR: 0, (0x6081, 0): 0}).limits("profile_velocity") == (0, 5000)
 
 
 @pytest.mark.parametrize(("low", "high"), [(None, -1), (100, 5000)])
@@ -191,3 +199,151 @@ def test_an_overlay_that_is_wrong_is_refused_with_the_key(text: str, said: str) 
 def test_an_unknown_family_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(Dsp402Error, match="engel"):
         overlay("nobody")
+
+
+# -- without a data sheet ---------------------------------------------------------------------------------------------
+
+
+NODE = 5
+
+
+class Device:
+    """The ENGEL-like drive as what it answers to SDO uploads; ``lacks`` are indices it does not have."""
+
+    def __init__(self, *lacks: int, pdos: int = 5) -> None:
+        self.asked: list[tuple[int, int]] = []
+        self.values: dict[tuple[int, int], bytes] = {}
+        for spec in drive_objects(pdos=pdos):
+            for entry in spec.entries:
+                if entry.index not in lacks:
+                    default = entry.default
+                    data = default.encode() if isinstance(default, str) else b""
+                    if isinstance(default, int):
+                        data = (default % (1 << entry.type.bits)).to_bytes(entry.type.bits // 8, "little")
+                    self.values[entry.index, entry.subindex] = data
+
+    def read(self, index: int, subindex: int) -> bytes | None:
+        self.asked.append((index, subindex))
+        return self.values.get((index, subindex))
+
+
+def test_answers_of_the_device_form_its_object_dictionary() -> None:
+    dictionary = discovered_dictionary(NODE, Device(0x607B, 0x60C6, pdos=2).read)
+    assert 0x60FF in dictionary
+    assert not {0x607B, 0x60C6, 0x60A9, 0x2003} & {*dictionary}
+    assert [index for index in dictionary if 0x1400 <= index < 0x1A00] == [
+        0x1400,
+        0x1401,
+        0x1600,
+        0x1601,
+        0x1800,
+        0x1801,
+    ]
+    assert dictionary.device_information.product_name == "ENGEL HBI"
+    assert dictionary.get_variable(0x1800, 1).default == 0x180
+    assert dictionary.get_variable(0x1A00, 1).default == DRIVE_OBJECTS.attribute("statusword").mapping
+    assert dictionary.get_variable(0x6094, 2).default == 2
+
+
+def test_a_missing_pdo_is_the_last_that_is_asked_for() -> None:
+    device = Device(pdos=1)
+    discovered_dictionary(NODE, device.read)
+    assert {index for index, _ in device.asked if 0x1400 <= index < 0x1600} == {0x1400, 0x1401}
+
+
+def test_a_discovered_drive_has_modes_limits_of_its_types_and_pdos() -> None:
+    drive = describe(discovered_dictionary(NODE, Device(0x6502).read), {})
+    assert (drive.name, drive.family) == ("ENGEL HBI", "")
+    assert drive.limits("target_velocity") == (-(1 << 31), (1 << 31) - 1)
+    assert drive.speed_mode == 3
+    assert len(drive.pdos.rpdos) == 5
+    assert drive.pdos.rpdos[0].mapping_writable
+    assert drive.pdos.tpdos[0].event_timer
+    assert drive.scaling.refusal(Quantity.SPEED)
+
+
+def test_the_package_s_data_sheet_is_taken_only_for_the_device_it_describes() -> None:
+    device = Device()
+    packaged = dictionary_of(NODE, device.read, VENDOR_ID, PRODUCT_CODE)
+    assert 0x2003 in packaged
+    assert device.asked == []
+    assert 0x2003 not in dictionary_of(NODE, device.read, VENDOR_ID, PRODUCT_CODE + 1)
+    assert 0x2003 not in dictionary_of(NODE, device.read, VENDOR_ID + 1, PRODUCT_CODE)
+
+
+def test_before_any_query_every_object_of_the_profile_is_assumed() -> None:
+    dictionary = generic_dictionary()
+    assert {0x1400, 0x1804, 0x6040, 0x6042, 0x608F, 0x60A9, 0x60E3, 0x6502} <= {*dictionary}
+    assert 0x2003 not in dictionary
+
+
+# -- families of the user ---------------------------------------------------------------------------------------------
+
+
+OWN = 'title = "Mine"\nsources = ["manual"]\n[match]\nvendor_id = 0x7777\n[units]\nvelocity = "rpm"\n'
+CONFIG = '[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nfamily = "./mine.toml"\n'
+
+
+@pytest.fixture
+def no_family_stays(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    def forget() -> None:
+        for found in (families.overlays, families.all_families, families.families_of):
+            found.cache_clear()
+
+    monkeypatch.setattr(families, "_added", {})
+    forget()
+    yield
+    monkeypatch.undo()
+    forget()
+
+
+@pytest.fixture
+def own(tmp_path: Path, no_family_stays: None) -> Path:
+    path = tmp_path / "mine.toml"
+    path.write_text(OWN)
+    return path
+
+
+def test_an_added_family_is_found_by_name_and_identity(own: Path) -> None:
+    assert families.overlay_for(0x7777, 1) is None
+    assert families.families_of(0x7777) == ()
+    added = pdgw.add_family(own)
+    assert families.overlay("mine") is added
+    assert families.overlay_for(0x7777, 1) is added
+    assert families.families_of(0x7777) == ("mine",)
+    assert pdgw.add_family(str(own)) == added
+
+
+def test_the_data_sheet_of_a_family_is_beside_its_file(own: Path) -> None:
+    own.write_text('eds = "mine.eds"\n' + OWN)
+    assert pdgw.add_family(own).eds_path == own.with_name("mine.eds")
+
+
+def test_a_family_that_cannot_be_added_is_refused(own: Path) -> None:
+    pdgw.add_family(own)
+    own.write_text(OWN.replace("Mine", "Other"))
+    with pytest.raises(Dsp402Error, match="another file name: there is a family mine already"):
+        pdgw.add_family(own)
+    with pytest.raises(Dsp402Error, match=r"none\.toml.*a file that can be read \(No such file"):
+        pdgw.add_family(own.with_name("none.toml"))
+    wrong = own.with_name("wrong.toml")
+    wrong.write_text(OWN + "colour = 3")
+    with pytest.raises(Dsp402Error, match=r"overlay wrong: units\.colour: unknown key"):
+        pdgw.add_family(wrong)
+
+
+def test_the_configuration_names_the_file_of_a_family(own: Path, tmp_path: Path) -> None:
+    path = tmp_path / "gateway.toml"
+    path.write_text(CONFIG)
+    axis = load_config(path).axis[0]
+    assert axis.family_name == "mine"
+    assert parse_config(config_text(load_config(path))).axis[0].family == str(own)
+    path.write_text(CONFIG.replace("mine", "none"))
+    with pytest.raises(GatewayError, match=r"gateway\.toml:7: \[\[axis\]\] number 1 family .*none\.toml.*No such file"):
+        load_config(path)
+
+
+def test_pdgw_drives_shows_the_family_of_a_file(own: Path) -> None:
+    result = command("drives", str(own))
+    assert result.returncode == 0
+    assert "mine: Mine" in result.stdout

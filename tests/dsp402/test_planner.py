@@ -1,8 +1,9 @@
-"""The PDO planner: for every shape of drive and telegram the plan carries what is needed, in the order that is safe."""
+"""The PDO planner: what it plans for each variant of drive and telegram, and for data sheets of real drives; its SDO writes."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -11,11 +12,14 @@ from hypothesis import strategies as st
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-from pdgw.dsp402.drive_type import DriveType, Dsp402Error
+from pdgw.dsp402.drive.client import load_eds
+from pdgw.dsp402.drive.guarding import guard_steps
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
+from pdgw.dsp402.identification.describe import answers_of_defaults, describe
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.pdo.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.peers.drive import SHAPES
-from tests.support.axis.mapping import engel_layout
+from tests.support.axis.mapping import engel_layout, pdo_steps
 from tests.support.drives.drive_types import described
 
 NODE = 5
@@ -224,3 +228,118 @@ def test_any_findings_give_a_plan_with_everything_or_a_refusal(
     valid = {step.index for step in steps if step.is_cob_id and not step.value & COB_ID_INVALID}
     assert valid == {item.pdo.communication_index for item in (*found.rpdos, *found.tpdos)}
     assert {item.type for item in found.rpdos} == {EVENT_DRIVEN_PROFILE}
+
+
+# -- data sheets that differ in one thing -----------------------------------------------------------------------------
+
+
+FOLDER = Path(__file__).parent / "eds"
+DEMAND = "the bit for speed within tolerance is 0; a frozen ramp keeps the actual speed"
+NO_DEMAND = f"Velocity Demand Value 606Bh not available: {DEMAND}"
+PLANS = {
+    "fixed-pdo": (
+        "RPDO2 305h: Controlword 6040h, Target velocity 60FFh; its own mapping; its own COB-ID",
+        "TPDO2 285h: Velocity actual value 606Ch, Statusword 6041h; on change and by event timer; its own mapping; "
+        "its own COB-ID",
+        NO_DEMAND,
+    ),
+    "no-event-timer": (
+        "RPDO1 205h: Target velocity 60FFh, Controlword 6040h",
+        "TPDO1 185h: Statusword 6041h, Velocity actual value 606Ch; on SYNC",
+        NO_DEMAND,
+        "TPDO1 on SYNC: it has no event timer (1800h/5)",
+    ),
+    "unmappable": (
+        "RPDO1 205h: Controlword 6040h",
+        "TPDO1 185h: Statusword 6041h, Velocity actual value 606Ch; on change and by event timer",
+        "written by SDO when they change: Target velocity 60FFh",
+        NO_DEMAND,
+    ),
+    "own-cob-ids": (
+        "RPDO1 32Ah: Target velocity 60FFh, Controlword 6040h; its own COB-ID",
+        "TPDO1 1AAh: Statusword 6041h, Velocity actual value 606Ch; on change and by event timer; its own COB-ID",
+        NO_DEMAND,
+    ),
+    "vl": (
+        "RPDO1 205h: vl target velocity 6042h, Controlword 6040h",
+        "TPDO1 185h: Statusword 6041h, vl velocity actual value 6044h; on change and by event timer",
+        f"vl velocity demand 6043h not available in a PDO: {DEMAND}",
+    ),
+}
+
+
+def _drive(name: str) -> DriveType:
+    dictionary = load_eds(FOLDER / f"{name}.eds", NODE)
+    return describe(dictionary, answers_of_defaults(dictionary))
+
+
+def test_every_data_sheet_has_its_plan() -> None:
+    assert {path.stem for path in FOLDER.glob("*.eds")} == {*PLANS}
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_the_plan_of_telegram_1_is_what_the_data_sheet_allows(name: str) -> None:
+    drive = _drive(name)
+    assert drive.scaling.reference(Quantity.SPEED) == 3000
+    found = plan_pdos(LAYOUTS[Operation.VELOCITY], drive, NODE, found_in_data_sheet(drive), sync=False)
+    assert found.lines == PLANS[name]
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_positioning_is_refused_with_the_object_that_is_missing(name: str) -> None:
+    drive = _drive(name)
+    with pytest.raises(Dsp402Error, match="Target Position 607Ah: 'not an object of this drive'"):
+        plan_pdos(LAYOUTS[Operation.POSITIONING], drive, NODE, found_in_data_sheet(drive), sync=False)
+
+
+# -- the SDO writes ---------------------------------------------------------------------------------------------------
+
+
+FOUR = [direction.communication_index + n for direction in PdoDirection for n in range(4)]
+FIVE = [direction.communication_index + n for direction in PdoDirection for n in range(5)]
+
+
+@pytest.mark.parametrize("operation", list(Operation))
+@pytest.mark.parametrize("available", [FOUR, FIVE])
+def test_afterwards_exactly_the_pdos_of_the_layout_are_valid(operation: Operation, available: list[int]) -> None:
+    layout = LAYOUTS[operation]
+    steps = pdo_steps(layout, 4, available, sync=False, event_ms=50, inhibit_us=0)
+    last = {step.index: step.value for step in steps if step.subindex == 1 and step.index in available}
+    assert set(last) == set(available)
+    valid = {index for index, value in last.items() if not value & COB_ID_INVALID}
+    wanted = {pdo.communication_index for pdo in (*layout.rpdos, *layout.tpdos)}
+    assert valid == wanted & set(available)
+    assert not [step for step in steps if step.index & 0x1FF == 4 and available is FOUR]
+
+
+@pytest.mark.parametrize(("sync", "rpdo", "tpdo"), [(False, 255, 255), (True, 255, 1)])
+def test_sync_changes_the_tpdos_only(sync: bool, rpdo: int, tpdo: int) -> None:
+    steps = pdo_steps(LAYOUTS[Operation.POSITIONING], 4, FIVE, sync=sync, event_ms=50, inhibit_us=1000)
+    types = {step.index: step.value for step in steps if step.subindex == 2 and step.index in FIVE}
+    assert {value for index, value in types.items() if index < 0x1800} == {rpdo}
+    assert {value for index, value in types.items() if index >= 0x1800} == {tpdo}
+    times = {(step.subindex, step.value) for step in steps if step.index == 0x1800 and step.subindex in {3, 5}}
+    assert times == (set() if sync else {(3, 10), (5, 50)})
+
+
+def test_guarding_is_set_both_ways_before_the_drive_starts() -> None:
+    steps = guard_steps(127, 300, 100, -1)
+    assert [(s.index, s.subindex, s.data.hex()) for s in steps] == [
+        (0x1016, 1, "2c017f00"),
+        (0x6007, 0, "ffff"),
+        (0x1017, 0, "6400"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((128, 300, 100, 3), r"gateway node-ID: 128.*1\.\.127"),
+        ((127, 65536, 100, 3), r"65536 ms.*0\.\.65535 ms"),
+        ((127, 300, 65536, 3), r"1017h/0: 65536.*0\.\.65535"),
+        ((127, 300, 100, 40000), r"6007h/0: 40000.*-32768\.\.32767"),
+    ],
+)
+def test_a_value_that_does_not_fit_its_object_is_named(values: tuple[int, int, int, int], message: str) -> None:
+    with pytest.raises(Dsp402Error, match=message):
+        guard_steps(*values)
