@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import pytest
 
@@ -52,9 +52,8 @@ def found_in(text: str) -> list[str]:
     ]
 
 
-def literals(source: str) -> Iterator[tuple[int, str]]:
+def literals(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """The texts of a module with at least three words, by line; docstrings are left out."""
-    tree = ast.parse(source)
     skipped: set[int] = set()
     for node in ast.walk(tree):
         for statement in getattr(node, "body", ()) if isinstance(getattr(node, "body", None), list) else ():
@@ -113,25 +112,9 @@ def test_the_help_has_no_word_of_the_list(name: str) -> None:
     assert not wrong
 
 
-@cache
-def sources_of(package: str) -> list[Path]:
-    """The modules of a package without its tests."""
-    return sorted(path for path in (ROOT / package).rglob("*.py") if not path.name.startswith("test_"))
-
-
-@cache
-def messages(package: str) -> list[tuple[str, str]]:
-    """The texts of a package, each with its place."""
-    return [
-        (f"{path.relative_to(ROOT)}:{line}", text)
-        for path in sources_of(package)
-        for line, text in literals(path.read_text("utf-8"))
-    ]
-
-
-def docstrings(source: str) -> Iterator[tuple[int, str]]:
+def docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """The documentation of a module, its classes, functions and values."""
-    for statement in within(ast.parse(source)):
+    for statement in within(tree):
         value = statement.value if isinstance(statement, ast.Expr) else None
         if isinstance(value, ast.Constant) and isinstance(value.value, str):
             yield value.lineno, value.value.replace("``", "`")
@@ -144,31 +127,10 @@ def comments(source: str) -> Iterator[tuple[int, str]]:
             yield source.count("\n", 0, match.start()) + 1, match[1].replace("``", "`")
 
 
-@cache
-def notes(package: str) -> list[tuple[str, str]]:
-    """The docstrings and comments of a package, each with its place."""
-    return [
-        (f"{path.relative_to(ROOT)}:{line}", text)
-        for path in sources_of(package)
-        for read in (docstrings, comments)
-        for line, text in read(path.read_text("utf-8"))
-    ]
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_docstrings_and_comments_have_no_word_of_the_list(package: str) -> None:
-    wrong = [
-        f"{place}: {found}: {' '.join(text.split())[:90]}"
-        for place, text in notes(package)
-        if (found := found_in(text))
-    ]
-    assert not wrong, "\n".join(wrong)
-
-
-def names(path: Path) -> Iterator[str]:
+def names(module: str, tree: ast.Module) -> Iterator[str]:
     """The names of a module, its functions, classes and constants, as words."""
-    defined = [path.stem]
-    for statement in within(ast.parse(path.read_text("utf-8"))):
+    defined = [module]
+    for statement in within(tree):
         match statement:
             case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
                 defined.append(name)
@@ -177,14 +139,41 @@ def names(path: Path) -> Iterator[str]:
     return (re.sub(r"(?<=[a-z0-9])(?=[A-Z])|_", " ", name).strip().lower() for name in defined)
 
 
+class Texts(NamedTuple):
+    """What the modules of a package contain, messages and notes with their places. ``notes``: docstrings and comments."""
+
+    messages: list[tuple[str, str]]
+    notes: list[tuple[str, str]]
+    names: list[str]
+
+
+@cache
+def texts_of(package: str) -> Texts:
+    """The texts of a package without its tests."""
+    found = Texts([], [], [])
+    for path in sorted((ROOT / package).rglob("*.py")):
+        if path.name.startswith("test_"):
+            continue
+        source = path.read_text("utf-8")
+        tree, place = ast.parse(source), path.relative_to(ROOT)
+        found.messages.extend((f"{place}:{line}", text) for line, text in literals(tree))
+        found.notes.extend((f"{place}:{line}", text) for line, text in (*docstrings(tree), *comments(source)))
+        found.names.extend(names(path.stem, tree))
+    return found
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_docstrings_and_comments_have_no_word_of_the_list(package: str) -> None:
+    wrong = [
+        f"{place}: {found}: {' '.join(text.split())[:90]}"
+        for place, text in texts_of(package).notes
+        if (found := found_in(text))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_names_have_no_word_of_the_list() -> None:
-    found = {
-        name: wrong
-        for package in PACKAGES
-        for path in sources_of(package)
-        for name in names(path)
-        if (wrong := found_in(name))
-    }
+    found = {name: wrong for package in PACKAGES for name in texts_of(package).names if (wrong := found_in(name))}
     assert {name: wrong for name, wrong in found.items() if name not in OLD_NAMES} == {}
     assert set(OLD_NAMES) - found.keys() == set(), "renamed: remove it from tests/language.toml"
 
@@ -197,7 +186,9 @@ def prose_of(name: str) -> list[tuple[int, str]]:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_the_messages_have_no_word_of_the_list(package: str) -> None:
-    wrong = [f"{place}: {found}: {text[:90]}" for place, text in messages(package) if (found := found_in(text))]
+    wrong = [
+        f"{place}: {found}: {text[:90]}" for place, text in texts_of(package).messages if (found := found_in(text))
+    ]
     assert not wrong, "\n".join(wrong)
 
 
@@ -223,20 +214,22 @@ def test_the_documents_have_no_word_of_the_list(name: str) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def test_the_gate_finds_a_word_of_the_list_in_each_kind_of_text(tmp_path: Path) -> None:
+def test_the_gate_finds_a_word_of_the_list_in_each_kind_of_text() -> None:
     assert found_in("the drive obeys the PLC")
     assert not found_in("set `stand_by` and {told}")
-    assert [text for _, text in literals('x = f"the axis {told} stands there"')] == ["the axis x stands there"]
+    assert [text for _, text in literals(ast.parse('x = f"the axis {told} stands there"'))] == [
+        "the axis x stands there"
+    ]
     assert [text for _, text in page_texts("html`<p>Nobody is here.</p>`")] == ["Nobody is here."]
-    assert [text for _, text in docstrings('x = 1\n"""Told ``so``."""\n')] == ["Told `so`."]
+    assert [text for _, text in docstrings(ast.parse('x = 1\n"""Told ``so``."""\n'))] == ["Told `so`."]
     assert [text for _, text in comments("x = 1  # told `so`\n")] == ["# told `so`"]
-    (tmp_path / "a.py").write_text("class OldStory:\n    def tell_all(self): ...\n\n\n_SO_FAR = 1\nlocal = 2\n")
-    assert [*names(tmp_path / "a.py")] == ["a", "old story", "tell all", "so far"]
+    tree = ast.parse("class OldStory:\n    def tell_all(self): ...\n\n\n_SO_FAR = 1\nlocal = 2\n")
+    assert [*names("a", tree)] == ["a", "old story", "tell all", "so far"]
     assert [text for _, text in prose("a\n```\ntold\n```\n[b](told.md)")] == ["a", "[b]"]
 
 
 def test_every_exception_has_a_reason_and_is_needed() -> None:
-    texts = [text for package in PACKAGES for _, text in messages(package)]
+    texts = [text for package in PACKAGES for _, text in texts_of(package).messages]
     texts += [text for name in DOCUMENTS for _, text in prose_of(name)]
     for item in EXCEPTIONS:
         pattern = re.compile(rf"\b(?:{item['pattern']})\b", re.IGNORECASE)
