@@ -18,7 +18,6 @@ from pdgw.durations import MS, SECOND
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.blocks.connect_blocks import ArBlockReq
 from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.device import Connected, Disconnected
 from pdgw.profinet.model import API_PROFIDRIVE
@@ -28,7 +27,7 @@ from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import BlockType, Operation, RecordBlock, encode_block
 from tests.profinet.records.test_records import read
 from tests.profinet.rpc.test_epm import lookup
-from tests.support.wire.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks, change
+from tests.support.wire.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
 from tests.support.wire.profinet import DEVICE_MAC, PLC_MAC, Wire, project
 
 AXIS = (1, 2)
@@ -98,19 +97,6 @@ def input_frames(wire: Wire) -> Iterator[tuple[int, bytes]]:
             yield when, frame
 
 
-def test_alarm_a_burst_of_six_diagnoses_is_sent_one_by_one() -> None:
-    wire = Wire()
-    wire.connect()
-    classes = list(MessageClass)[:6]
-    for number in classes:
-        wire.device.set_diagnosis((1, 1), number)
-    wire.run(500 * MS)
-    alarms = wire.plc.learned.alarms
-    assert [int.from_bytes(alarm.payload[6:8], "big") for alarm in alarms] == classes
-    assert [alarm.specifier & 0x7FF for alarm in alarms] == list(range(6))
-    assert wire.device.connected
-
-
 @pytest.mark.parametrize("index", [0x800A, 0x800B, 0x800C, 0xC00A, 0xE00A, 0xF00A, 0xF80C])
 def test_diagnosis_a_present_diagnosis_is_in_every_record_and_gone_after_it(index: int) -> None:
     wire = Wire()
@@ -119,20 +105,6 @@ def test_diagnosis_a_present_diagnosis_is_in_every_record_and_gone_after_it(inde
     assert bytes.fromhex("8000 6800 9001") in read(wire, POINT, index).data
     wire.device.clear_diagnosis((1, 1), MessageClass.MAINS)
     assert read(wire, POINT, index).data == b""
-
-
-def test_ar_ase_wrong_connects_are_refused_by_block_and_field_and_a_right_one_follows() -> None:
-    caller = Caller()
-    for wrong, code in (
-        (change(ArBlockReq, ar_type=0x0020), "DB 81 01 04"),
-        (change(ArBlockReq, ar_uuid=UUID(int=0)), "DB 81 01 05"),
-        (change(ArBlockReq, activity_timeout=0), "DB 81 01 0A"),
-    ):
-        assert caller.connect(wrong(blocks()))[0].codes == code
-    assert not caller.connect(blocks())[0].value
-    assert caller.connect(blocks())[0].codes == "DB 81 40 06", "the same relationship once more"
-    other = Caller(caller.wire, ("192.168.0.9", 50_000))
-    assert other.connect(blocks(ar_uuid=UUID(int=7)))[0].codes == "DB 81 40 04", "a second controller"
 
 
 def test_different_access_ways_read_the_same_record() -> None:

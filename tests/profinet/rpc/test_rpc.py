@@ -320,14 +320,6 @@ def test_equal_sequence_numbers_of_two_plcs_are_independent() -> None:
     assert len(handler.writes) == 2
 
 
-def test_inactive_callers_do_not_fill_the_memory() -> None:
-    server = RecordServer(Echo(), 4096)
-    for number in range(1000):
-        plc = RecordCaller(UUID(int=number), DEVICE)
-        server.receive(plc.write(0, 0, 1, RECORD_GLOBAL, bytes(3000)).packets[0], "plc")
-    assert len(server._calls) <= 64
-
-
 def test_ping_is_answered_with_the_state_of_the_call() -> None:
     server = RecordServer(Echo(), 4096)
     packet = bytearray(caller().write(0, 0, 1, RECORD_GLOBAL, READ_P965).packets[0])
