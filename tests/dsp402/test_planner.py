@@ -88,11 +88,12 @@ def test_the_controlword_is_last_in_its_pdo_and_its_pdo_is_sent_last(operation: 
 
 
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("operation", list(Operation))
-def test_a_plan_has_all_that_is_needed_once_or_names_the_object_that_is_missing(
-    name: str, operation: Operation
-) -> None:
-    drive = described(name)
+def test_a_plan_has_all_that_is_needed_once_or_names_the_object_that_is_missing(name: str) -> None:
+    for operation in Operation:
+        check_plan(operation, described(name))
+
+
+def check_plan(operation: Operation, drive: DriveType) -> None:
     rpdos, tpdos = needed(operation)
     spare, optional = LAYOUTS[operation].cyclic_only, LAYOUTS[operation].optional.keys()
     if not all(drive.has(attribute) for attribute in (rpdos | tpdos) - optional):
