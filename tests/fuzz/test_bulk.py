@@ -102,7 +102,7 @@ def requests() -> Iterator[bytes]:
     known = sorted(PARAMETERS)
     values = (Values(DataType.UNSIGNED16, (1, 2)), Values(DataType.VISIBLE_STRING, b"abc"), Values(DataType.N4, (-1,)))
     for number in (1, 5, 39):
-        pnus = (*known, *(900 + place * 7 % 90 for place in range(number)))[-number - 3 :][:number]
+        pnus = [known[place % len(known)] if place % 2 else 900 + place * 7 % 90 for place in range(number)]
         for attribute in Attribute:
             addresses = tuple(ParameterAddress(pnu, place % 3, place, attribute) for place, pnu in enumerate(pnus))
             yield encode_request(Request(1 + number, RequestId.REQUEST, 1, addresses))
