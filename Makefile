@@ -84,7 +84,7 @@ planted = sed -i '/^| what is broken/,$$d' tests/long/planted-defects.md && \
 	$(BIN)/python -m tests.long.soak --planted --seed $(SEED) >> tests/long/planted-defects.md
 walk = $(BIN)/python -m tests.long.walk
 walk-all = $(BIN)/python -m tests.long.walk --all
-limit-cycles = PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_limit_cycle.py
+limit-cycles = PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_stop_times.py
 paused = $(BIN)/python -m tests.pauses --longest $(LONGEST) $(SEED) $(BIN)/pytest -m "e2e or browser" && \
 	PDGW_PAUSES=$(SEED) PDGW_LONGEST_PAUSE=$(LONGEST) $(BIN)/python -m pytest -n 4 --dist worksteal -p tests.thread_pauses
 

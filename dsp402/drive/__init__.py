@@ -5,5 +5,5 @@ sends the data before the Controlword, and a stop before all others. Checks comp
 it runs.
 
 Tests that find a mistake: ``tests/dsp402/test_guarding.py``, ``test_drive*.py``, ``test_tpdo_check.py``,
-``tests/gateway/test_wrong_units.py``, ``tests/gateway/test_sdo_errors.py``.
+``tests/gateway/test_wrong_units.py``, ``tests/gateway/test_bring_up.py``.
 """

@@ -1,15 +1,26 @@
-"""The bits of the motion telegrams one by one: every case as it must be, and no bit of a word forgotten."""
+"""Every bit of the motion telegrams, and properties of every telegram of a drive with values of hypothesis."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
 
+from pdgw.dsp402.states import State
+from pdgw.gateway.axis.supervision.drive_events import POWERED
+from pdgw.gateway.configuration.file import simulated
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
+from tests.conformance.rig import COMPLETE, DriveRig
 from tests.conformance.shared_bits import NUMBERS, walk
 from tests.conformance.telegram_bits import CASES, Case, enabled, gateway, run_case
+from tests.support.axis.strategies import half_values
+from tests.support.gateways.daemon import drive_of, running
+
+# -- bits one by one, none of a word forgotten --------------------------------------------------------------------
+
 
 NOT_EVALUATED = {"REFERENCE_CAM", "HOMING_NEGATIVE", "PROBE_2", "PROBE_FALLING_EDGE", "HARDWARE_LIMITS"}
 """Bits without an effect that a simulated drive could show (docs/motion.md)."""
@@ -76,3 +87,54 @@ def test_case_that_sees_something_else_fails() -> None:
     case = next(case for case in CASES if case.on_can)
     with pytest.raises(AssertionError, match="607Ah"):
         run_case(replace(case, on_can={"607Ah": 1}))
+
+
+# -- OFF and ON with any setpoints (``make conformance`` tries more) ----------------------------------------------
+
+
+DRIVES = [number for number, item in TELEGRAMS.items() if item.mode is not ApplicationMode.ENCODER]
+EXAMPLES = settings(max_examples=100 if COMPLETE else 2, phases=[Phase.generate])
+"""Not shrunk: that takes minutes."""
+_ON = 0x0001
+
+
+def frames(number: int) -> st.SearchStrategy[list[tuple[dict[str, int], int]]]:
+    """Setpoints of a telegram, each with its number of cycles. Half of the control words leave the axis enabled."""
+    half = telegram(number).setpoints
+    enabled = 0x0F if number == 100 else 0x047F
+    words = st.just(enabled) | st.integers(0, 0xFFFF)
+    values = st.tuples(half_values(half), words).map(lambda drawn: half.as_dict((drawn[1], *drawn[0][1:])))
+    return st.lists(st.tuples(values, st.integers(1, 50)), min_size=1, max_size=5)
+
+
+@pytest.mark.parametrize("number", [number for number in DRIVES if number != 100])
+@EXAMPLES
+@given(data=st.data())
+def test_no_setpoints_start_a_drive_without_off(number: int, data: st.DataObject) -> None:
+    with running(simulated([number])) as daemon:
+        rig = DriveRig(daemon, drive_of(daemon))
+        for values, cycles in data.draw(frames(number)):
+            rig.plc.set(0, values | {rig.word: values[rig.word] | _ON})
+            rig.cycles(cycles)
+        rig.online()
+        rig.settle()
+        assert not [state for state, _ in rig.states if state in POWERED]
+
+
+@pytest.mark.parametrize("number", DRIVES)
+@EXAMPLES
+@given(data=st.data())
+def test_off_stops_and_on_starts_a_drive_after_any_setpoints(number: int, data: st.DataObject) -> None:
+    with running(simulated([number])) as daemon:
+        rig = DriveRig(daemon, drive_of(daemon))
+        rig.enable()
+        for values, cycles in data.draw(frames(number)):
+            rig.plc.set(0, values)
+            rig.cycles(cycles)
+        rig.plc.set(0, dict.fromkeys(rig.plc.endpoint.setpoints[0], 0))
+        rig.off()
+        rig.until(lambda: rig.standing() and rig.model.state not in POWERED, "OFF obeyed")
+        rig.enable()
+        rig.settle()
+        assert rig.standing()
+        assert rig.model.state is State.OPERATION_ENABLED

@@ -1,16 +1,20 @@
-"""A Statusword older than the gateway's last command: nothing is switched on by a stop, and no stop is weakened."""
+"""A Statusword that is late or wrong: a stop switches nothing on and is not weakened, and every command is safe."""
 
 from __future__ import annotations
 
 import pytest
 
-from pdgw.dsp402.states import STATUS_OF, State
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State
 from pdgw.durations import MS
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
 from pdgw.gateway.reasons import Reason
+from tests.support.axis.rig import Rig
 from tests.support.axis.stepper import Stepper, step_interlock
 from tests.support.drives.drive_types import References
+
+# -- a Statusword older than the last command ---------------------------------------------------------------------
+
 
 OFF, ON, NO_OPERATION, NO_CONTROL = 0x047E, 0x047F, 0x0477, 0x007F
 OFF2, OFF3 = 0x047D, 0x047B
@@ -236,3 +240,123 @@ def test_stop_of_an_inhibited_drive_locks(word: int | None, sent: int) -> None:
     control.step(ON, State.SWITCH_ON_DISABLED)
     assert control.step(word, State.SWITCH_ON_DISABLED) == sent
     assert control.step(ON, State.READY_TO_SWITCH_ON) == DISABLE_VOLTAGE
+
+
+# -- a Statusword that may be wrong -------------------------------------------------------------------------------
+
+
+def refresh(rig: Rig) -> None:
+    """The PDOs are sent again although nothing changed, as the drive client does it every 100 ms."""
+    rig._sent.clear()
+
+
+def test_drive_in_operation_after_an_unknown_state_is_braked() -> None:
+    control = in_operation()
+    assert control.step(ON, NO_STATE) == QUICK_STOP
+    assert control.power.reason is Reason.DRIVE_UNKNOWN_STATE
+    for _ in range(5):
+        assert control.step(ON, State.OPERATION_ENABLED) == QUICK_STOP
+    assert control.power.reason is Reason.NEEDS_OFF
+    assert control.step(ON, State.QUICK_STOP_ACTIVE) == QUICK_STOP
+
+
+def test_drive_in_operation_after_a_short_loss_is_braked() -> None:
+    control = in_operation()
+    assert control.step(ON, State.OPERATION_ENABLED, drive_ok=False) == QUICK_STOP
+    assert control.step(ON, State.OPERATION_ENABLED) == QUICK_STOP
+    assert control.step(ON, State.SWITCH_ON_DISABLED) == DISABLE_VOLTAGE
+
+
+@pytest.mark.parametrize("word", [OFF, ON, OFF3])
+def test_quick_stop_continues_after_a_restart_of_the_drive(word: int) -> None:
+    control = in_operation()
+    assert control.step(OFF3, State.OPERATION_ENABLED) == QUICK_STOP
+    control.power.restarted()
+    for _ in range(5):
+        assert control.step(word, State.OPERATION_ENABLED) == QUICK_STOP
+    assert control.step(ON, State.SWITCH_ON_DISABLED) == DISABLE_VOLTAGE
+
+
+def test_a_statusword_that_leaves_operation_by_itself_may_be_wrong() -> None:
+    control = in_operation()
+    assert [control.step(ON, s) for s in (State.SWITCHED_ON, State.OPERATION_ENABLED, State.SWITCHED_ON)] == [
+        QUICK_STOP
+    ] * 3
+    assert control.power.reason is Reason.NEEDS_OFF
+    assert control.step(OFF, State.SWITCHED_ON) == SHUTDOWN
+
+
+def test_coast_stop_has_priority_over_an_unknown_state() -> None:
+    control = in_operation()
+    control.step(ON, NO_STATE)
+    assert control.step(OFF2, State.OPERATION_ENABLED) == DISABLE_VOLTAGE
+
+
+def test_without_a_plc_configured_coast_has_priority_over_an_unknown_state() -> None:
+    control = in_operation(PlcLossReaction.COAST)
+    control.step(ON, State.OPERATION_ENABLED, drive_ok=False)
+    assert control.step(None, State.OPERATION_ENABLED) == DISABLE_VOLTAGE
+
+
+@pytest.mark.parametrize("number", [1, 9, 100])
+def test_every_telegram_answers_an_unknown_state_with_quick_stop(number: int) -> None:
+    rig = Rig(number)
+    if number == 100:
+        rig.values |= {"Modes of Operation": 3, "Controlword": 0x06}
+        rig.step(4)
+        for word in (0x07, 0x0F):
+            rig.values["Controlword"] = word
+            rig.step(4)
+        assert rig.state is State.OPERATION_ENABLED
+    else:
+        rig.enable()
+    rig.feedback.statusword = NO_STATE
+    # The drive misses the first quick stop, as when the frame is lost.
+    rig.node.misbehave("lost-pdos", every=1)
+    rig.step()
+    rig.feedback.statusword = 0x0637
+    rig.node.behave()
+    refresh(rig)
+    rig.step(40)
+    assert rig.state is not State.OPERATION_ENABLED
+    after = rig.controlwords[rig.controlwords.index(QUICK_STOP) :]
+    assert QUICK_STOP in after
+    assert not [word for word in after if word & ControlBit.SWITCH_ON]
+
+
+def test_transparent_axis_in_operation_without_a_command_is_stopped() -> None:
+    rig = Rig(100)
+    rig.values |= {"Modes of Operation": 3, "Controlword": 0x06}
+    rig.step(4)
+    for word in (0x07, 0x0F):
+        rig.values["Controlword"] = word
+        rig.step(4)
+    rig.connected_drive = False
+    rig.node.misbehave("lost-pdos", every=1)
+    rig.step(3)
+    rig.node.behave()
+    rig.connected_drive = True
+    refresh(rig)
+    rig.step()
+    assert rig.state is State.QUICK_STOP_ACTIVE
+    assert rig.controlwords[-1] == QUICK_STOP
+    rig.step(50)
+    assert rig.state is State.SWITCH_ON_DISABLED
+
+
+def test_homing_without_homing_attained_is_reported_and_aborted() -> None:
+    rig = Rig(9)
+    rig.node.misbehave("no-homing-attained")
+    rig.values |= {"SATZANW": 35, "MDI_VELOCITY": 0x1000}
+    rig.enable()
+    rig.values["STW1"] |= 0x0800
+    rig.until(lambda _: rig.stepper.reason is Reason.HOMING_ERROR)
+    rig.step(2)
+    assert [event.number for event in rig.stepper.events] == [109]
+    assert "standstill without Statusword.12" in rig.stepper.events[0].text
+    assert rig.actuals["ZSW1"] & 0x0880 == 0x0080, "warning, no home position"
+    assert rig.stepper.reason is Reason.HOMING_ERROR
+    rig.node.behave()
+    rig.values["STW1"] &= ~0x0800
+    rig.step(4)
+    assert not rig.actuals["ZSW1"] & 0x0880

@@ -1,4 +1,4 @@
-"""Telegram 9: what AKTSATZ, XIST_A and ZSW1 show, and the reason of an edge that started nothing."""
+"""Telegram 9: AKTSATZ, XIST_A and ZSW1, the reason of an edge that started nothing, and overlapping commands."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.dsp402.states import ControlBit, State
-from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
+from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
+from pdgw.peers.drive.objects import TURNTABLE
 from tests.gateway.axis.test_positioning import (
     ACTIVATE,
     HOME_SET,
@@ -17,18 +21,16 @@ from tests.gateway.axis.test_positioning import (
     MDI_ACTIVE,
     POSITION,
     REJECT,
+    STOPPED,
     axis,
+    home,
+    position,
+    task,
 )
-from tests.gateway.axis.test_positioning_handshake import (
-    HALT,
-    NEW_SETPOINT,
-    OFF2,
-    OFF3,
-    TAKEN,
-    positioning,
-)
+from tests.gateway.axis.test_positioning_handshake import HALT, NEW_SETPOINT, OFF2, OFF3, TAKEN, positioning
 from tests.support.axis.hand import OFF, ON, OPERATING
-from tests.support.drives.drive_types import engel
+from tests.support.axis.stepper import Stepper
+from tests.support.drives.drive_types import References, engel
 
 # -- what is shown ----------------------------------------------------------------------------------------------------
 
@@ -142,3 +144,215 @@ def test_relative_task_beyond_the_object_resumes_to_its_limit() -> None:
     words = [hand(ON) for _ in range(3)]
     assert any(word & NEW_SETPOINT and not word & ControlBit.RELATIVE for word in words)
     assert hand.target == 6_000
+
+
+# -- edges while braking, repeated homing, tasks at the end of the number range -----------------------------------
+
+
+RAMPS = {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+
+
+@pytest.mark.parametrize("withheld", [REJECT, INTERMEDIATE])
+def test_an_edge_latched_while_braking_does_not_start_while_bit_4_or_5_is_0(withheld: int) -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(50)
+    rig.values["STW1"] = ON & ~REJECT
+    rig.step(2)
+    rig.values |= {"STW1": ON | ACTIVATE, "MDI_TARPOS": 0}
+    rig.step(2)
+    rig.values["STW1"] = ON & ~withheld
+    del rig.controlwords[:-1]
+    rig.step(300)
+    assert not any(word & ControlBit.NEW_SETPOINT for word in rig.controlwords)
+    assert rig.actuals["ZSW1"] & STOPPED
+    stopped_at = position(rig)
+    rig.values["STW1"] = ON
+    rig.step(300)
+    if withheld == REJECT:
+        assert position(rig) == stopped_at, "a rejected task does not run"
+    else:
+        assert position(rig) == 0, "an intermediate stop keeps the task"
+
+
+def test_homing_during_an_intermediate_stop_replaces_the_task() -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(50)
+    rig.values["STW1"] = ON & ~INTERMEDIATE
+    rig.step(100)
+    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON & ~INTERMEDIATE | HOMING}
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0800))
+    assert position(rig) == 0
+
+
+def test_homing_commanded_while_braking_starts_at_standstill() -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(50)
+    rig.values["STW1"] = ON & ~REJECT
+    rig.step(2)
+    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON | HOMING}
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0800))
+    assert position(rig) == 0
+
+
+def test_repeated_homing_waits_for_its_own_method() -> None:
+    """The answer to the first writes must not count for the second: the axis would home in the wrong direction."""
+    rig = axis()
+    rig.sdo_delay = 10**9
+    home(rig, 17)
+    first = rig.stepper.sdo_request
+    rig.values["STW1"] = ON
+    rig.step(2)
+    home(rig, 18)
+    rig.stepper.sdo_done(None)
+    rig.step(20)
+    assert rig.stepper.command.modes_of_operation == Mode.POSITION
+    second = rig.stepper.sdo_request
+    assert first is not None
+    assert first[0] == SdoWrite(0x6098, 0, 17)
+    assert second is not None
+    assert second[0] == SdoWrite(0x6098, 0, 18)
+    rig.sdo_delay = 1
+    rig.step(20)
+    assert rig.stepper.command.modes_of_operation == Mode.HOMING
+    assert rig.node.model.homing_method == 18
+
+
+@pytest.mark.parametrize("modulo", [False, True])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_relative_task_at_the_end_of_the_number_range_resumes_within_it(modulo: bool, direction: int) -> None:
+    stepper = Stepper(9, AxisSettings(modulo_axis=modulo))
+    stepper.set_references(replace(References(), position_min=-(1 << 31) + 1, position_max=(1 << 31) - 1))
+    feedback = DriveFeedback()
+    mode = TURNTABLE.mode if modulo else Mode.POSITION
+    feedback.modes_of_operation_display = mode
+    feedback.position_actual = direction * ((1 << 31) - 10)
+    half = stepper.telegram.setpoints
+    data = {"SATZANW": 0x8000, "MDI_TARPOS": direction * (1 << 29), "MDI_VELOCITY": 1 << 30, **RAMPS}
+
+    def step(word: int, state: State, bits: int = 0) -> int:
+        feedback.statusword = STATUS_OF[state] | bits
+        stepper.step(half.from_dict({**data, "STW1": word}), feedback, True, 1)
+        command = stepper.command
+        assert -(1 << 31) <= command.target_position < 1 << 31
+        return command.controlword
+
+    acknowledged = StatusBit.MODE_12
+    step(ON & ~1, State.SWITCH_ON_DISABLED)
+    step(ON, State.READY_TO_SWITCH_ON)
+    step(ON, State.SWITCHED_ON)
+    step(ON, State.OPERATION_ENABLED)
+    assert step(ON | ACTIVATE, State.OPERATION_ENABLED) & ControlBit.NEW_SETPOINT
+    step(ON, State.OPERATION_ENABLED, acknowledged)
+    step(ON, State.OPERATION_ENABLED)
+    assert step(ON & ~INTERMEDIATE, State.OPERATION_ENABLED) & ControlBit.HALT
+    words = [step(ON, State.OPERATION_ENABLED) for _ in range(4)]
+    assert any(word & ControlBit.NEW_SETPOINT for word in words)
+    # The way that is left, or to the end of the range.
+    end = (1 << 31) - 1 if direction > 0 else -(1 << 31)
+    assert stepper.command.target_position == (direction * (1 << 30) if modulo else end)
+
+
+def test_a_negative_velocity_is_limited_to_0_and_counted() -> None:
+    rig = axis()
+    rig.values["MDI_VELOCITY"] = -(1 << 30)
+    task(rig, 1_000)
+    assert rig.stepper.command.profile_velocity == 0
+    assert rig.stepper.saturations == 1
+
+
+def test_row_homing_running_and_finished_aktsatz_15_keeps_its_value() -> None:
+    rig = axis()
+    rig.step(2)
+    assert rig.actuals["AKTSATZ"] & MDI_ACTIVE
+    rig.values |= {"SATZANW": 35, "STW1": ON | HOMING}
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0800))
+    assert rig.actuals["AKTSATZ"] & MDI_ACTIVE
+    rig.values["STW1"] = ON
+    rig.step(3)
+    assert not rig.actuals["AKTSATZ"] & MDI_ACTIVE
+    assert rig.stepper.reason is Reason.MDI_OFF
+
+
+def test_old_attempt_does_not_shorten_the_time_for_a_mode_change() -> None:
+    stepper = Stepper(9, AxisSettings())
+    stepper.set_references(References())
+    feedback = DriveFeedback()
+    feedback.modes_of_operation_display = Mode.VELOCITY
+    half = stepper.telegram.setpoints
+    second = 1_000_000_000
+
+    def step(word: int, state: State, now: int) -> None:
+        feedback.statusword = STATUS_OF[state]
+        stepper.step(
+            half.from_dict({"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, **RAMPS, "STW1": word}), feedback, True, now
+        )
+
+    for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
+        step(word, state, 1)
+    step(ON, State.OPERATION_ENABLED, 2)
+    step(ON | ACTIVATE, State.OPERATION_ENABLED, 3)
+    assert stepper.reason is Reason.MODE_NOT_CONFIRMED
+    step(ON & ~2, State.OPERATION_ENABLED, 4)
+    step(ON & ~1, State.SWITCH_ON_DISABLED, 10 * second)
+    step(ON, State.READY_TO_SWITCH_ON, 10 * second)
+    step(ON, State.SWITCHED_ON, 10 * second)
+    step(ON, State.OPERATION_ENABLED, 10 * second)
+    step(ON | ACTIVATE, State.OPERATION_ENABLED, 10 * second + 1)
+    assert not stepper.events
+    for cycle in range(2, 5):
+        step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + cycle)
+        assert [event.number for event in stepper.events] == [110], "told once while it lasts"
+        assert stepper.warning
+        assert stepper.reason is Reason.MODE_KEPT
+    feedback.modes_of_operation_display = Mode.POSITION
+    step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + 5)
+    assert stepper.reason is None
+
+
+def test_restart_of_the_drive_clears_its_home_position() -> None:
+    rig = axis()
+    rig.values["SATZANW"] = 0x8000 | 35
+    rig.values["STW1"] = ON | HOMING
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
+    rig.values["STW1"] = ON
+    rig.step(3)
+    assert rig.actuals["ZSW1"] & HOME_SET
+    rig.restart_drive()
+    rig.step(1)
+    assert not rig.actuals["ZSW1"] & HOME_SET
+
+
+def test_old_homing_attained_does_not_end_the_new_homing() -> None:
+    stepper = Stepper(9, AxisSettings())
+    stepper.set_references(References())
+    feedback = DriveFeedback()
+    half = stepper.telegram.setpoints
+    attained = StatusBit.MODE_12 | StatusBit.TARGET_REACHED
+    cycle = 4_000_000
+    now = 0
+
+    def step(word: int, status: int, mode: int = Mode.POSITION) -> None:
+        nonlocal now
+        now += cycle
+        feedback.statusword, feedback.modes_of_operation_display = status, mode
+        values = {"SATZANW": 0x8000 | 17, "MDI_VELOCITY": 1 << 29, "STW1": word}
+        stepper.step(half.from_dict(values), feedback, True, now)
+
+    for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
+        step(word, STATUS_OF[state])
+    enabled = STATUS_OF[State.OPERATION_ENABLED]
+    step(ON, enabled)
+    step(ON | HOMING, enabled)
+    stepper.sdo_done(None)
+    for _ in range(5):
+        step(ON | HOMING, enabled | attained, Mode.HOMING)
+    assert stepper.command.controlword & ControlBit.NEW_SETPOINT
+    assert not stepper.home_position_set
+    for _ in range(115):
+        step(ON | HOMING, enabled, Mode.HOMING)
+        assert not stepper.home_position_set
+    step(ON | HOMING, enabled | attained, Mode.HOMING)
+    assert stepper.home_position_set

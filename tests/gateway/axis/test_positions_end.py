@@ -1,4 +1,4 @@
-"""Telegrams 9 and 111: when a task or a homing has ended, and what an axis that stands before its end reports."""
+"""Telegrams 9 and 111: when a task or a homing has ended, what an axis that stands before its end reports, and modes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.states import State, StatusBit
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.settings import AxisSettings
@@ -24,7 +24,11 @@ from tests.gateway.axis.test_halt_continues import (
     WARNING,
     Continuing,
 )
+from tests.gateway.axis.test_positioner_handshake import positioner
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+
+# -- the end of a task or a homing --------------------------------------------------------------------------------
+
 
 SW_REACHED, SW_TAKEN, FOLLOWING = StatusBit.TARGET_REACHED, StatusBit.MODE_12, StatusBit.MODE_13
 STALLED = AxisSettings().stall_ns // 4_000_000 + 3
@@ -267,3 +271,27 @@ def test_slow_ramp_after_halt_is_no_fault(name: str) -> None:
         hand.feedback.velocity_actual = speed // 1000 + round(noise.gauss(0, 20))
         assert hand(ON & ~INTERMEDIATE | ACTIVATE) & 0b100
     assert not hand.stepper.events
+
+
+# -- a mode of operation that is requested, not confirmed, and requested again later ------------------------------
+
+
+JOG = 0x100
+CYCLE_NS = 4_000_000
+
+
+def reports_missing_mode(hand: Hand) -> bool:
+    return any(fault.number == FaultNumber.MODE_NOT_CONFIRMED for fault in hand.stepper.machine.outputs.faults)
+
+
+def test_an_abandoned_mode_request_does_not_count_for_the_next_one() -> None:
+    hand = positioner().enable()
+    hand(ON | JOG)
+    hand(ON | JOG)
+    assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+    for _ in range(MODE_CONFIRM_NS // CYCLE_NS):
+        hand(ON)
+    for _ in range(10):
+        hand(ON | JOG)
+        assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+        assert not reports_missing_mode(hand)

@@ -1,4 +1,4 @@
-"""The scan of a bus: it finds what is there, says what is missing, and writes nothing."""
+"""The scan of a bus writes nothing; the first configuration made of it is valid."""
 
 from __future__ import annotations
 
@@ -20,16 +20,24 @@ from pdgw.ds301.communication import (
 )
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
+from pdgw.dsp402.units.scaling import find_scaling
+from pdgw.dsp406.kinds import LINEAR
 from pdgw.durations import MS
-from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, Sheet, expected_on, load_sheets
-from pdgw.gateway.commissioning.telegram_check import lacks
+from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, Sheet, draft, expected_on, load_sheets
+from pdgw.gateway.commissioning.telegram_check import lacks, lacks_by_telegram
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.devices import EncoderModel
 from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.world import World
 from tests.support.gateways.daemon import axis, configuration
+
+# -- it finds what is there and says what is missing --------------------------------------------------------------
+
 
 BUS = "bus"
 _UPLOAD = 0x40
@@ -209,3 +217,56 @@ def test_a_folder_of_data_sheets_is_read_and_a_bad_one_is_named(tmp_path: Path) 
     (tmp_path / "bad.DCF").write_text("none")
     with pytest.raises(CanopenError, match=r"bad\.DCF"):
         load_sheets([tmp_path])
+
+
+# -- the first configuration --------------------------------------------------------------------------------------
+
+
+PLACE = CanConfig(interface="socketcan", channel="can1", bitrate=500_000)
+
+
+def drafted(site: Site, sheets: tuple[Sheet, ...] = ()) -> tuple[str, GatewayConfig]:
+    text = draft(PLACE, site.scan(sheets).values())
+    return text, parse_config(text)
+
+
+def test_drives_and_encoders_have_a_telegram_that_they_support(site: Site) -> None:
+    site.world.drive(BUS, 5)
+    site.world.encoder(BUS, 20)
+    site.world.encoder(BUS, 21, device=LINEAR)
+    text, config = drafted(site, sheets=tuple(load_sheets([EDS_PATH])))
+    assert [(item.do_id, item.node_id, item.telegram) for item in config.objects] == [
+        (1, 5, 1),
+        (2, 20, 81),
+        (3, 21, 81),
+    ]
+    assert [item.model for item in config.encoder] == [EncoderModel.ROTARY, EncoderModel.LINEAR]
+    assert (config.axis[0].eds, config.can[0].bitrate, config.can[0].channel) == (EDS_PATH, 500_000, "can1")
+    assert "# node 5: 'ENGEL HBI', usable with telegrams 1, 2, 3," in text
+
+
+@pytest.mark.parametrize("name", sorted(name for name in SHAPES if name not in {"slow-sdo", "slow-boot", "csp"}))
+def test_every_simulated_drive_with_a_speed_mode_has_a_valid_configuration(site: Site, name: str) -> None:
+    site.world.drive(BUS, 7, shape=SHAPES[name])
+    _, config = drafted(site)
+    assert [axis.telegram for axis in config.axis] == [1]
+
+
+def test_keys_of_unknown_units_are_comments(site: Site) -> None:
+    site.world.drive(BUS, 7)
+    (node,) = site.scan().values()
+    assert node.drive is not None
+    node.drive = replace(node.drive, scaling=find_scaling({}))
+    node.lacks = lacks_by_telegram(node.drive)
+    text = draft(PLACE, [node])
+    assert [axis.telegram for axis in parse_config(text).axis] == [1]
+    assert '# velocity_unit = "?" # of 60FFh' in text
+    node.drive = replace(node.drive, modes={1: "profile position"})
+    node.lacks = lacks_by_telegram(node.drive)
+    assert [axis.telegram for axis in parse_config(draft(PLACE, [node])).axis] == [9]
+
+
+def test_a_bus_without_a_usable_node_has_no_configuration(site: Site) -> None:
+    site.world.drive(BUS, 7, shape=SHAPES["csp"])
+    with pytest.raises(GatewayError, match="no drive and no encoder"):
+        drafted(site)

@@ -1,14 +1,75 @@
-"""Traversing blocks of the positioner, and chains of them."""
+"""Traversing blocks of the positioner and chains of them, its homing and its reference point."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
+import pytest
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
 from pdgw.gateway.motion.requests import MotionKind
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import Reason
 from tests.support.axis.positioner import ABSOLUTE, CYCLE, SETTINGS, PositionerRig, move
+
+# -- tables -------------------------------------------------------------------------------------------------------
+
+
+GO_ON = BlockNext.CONTINUE_WITH_STOP
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"number": 128, "velocity": 1}, r"block 128: number = 128 is not allowed, expected 0\.\.127"),
+        ({"number": 1}, r"block 1: velocity = 0 is not allowed, expected 1"),
+        ({"number": 1, "velocity": 1, "acceleration": 101}, "acceleration = 101"),
+        ({"number": 1, "velocity": 1, "position": 1 << 31}, "position = 2147483648"),
+        ({"number": 1, "velocity": 1, "value": 3}, "value = 3 is not allowed, expected 0$"),
+        ({"number": 1, "task": BlockTask.WAIT, "value": -1}, "value = -1"),
+        ({"number": 1, "task": BlockTask.SET_OUTPUT, "value": 4}, r"value = 4 is not allowed, expected 1\.\.3"),
+        ({"number": 1, "task": BlockTask.WAIT, "next": BlockNext.FLYING}, "next = flying"),
+        ({"number": 1, "velocity": 1, "mode": BlockMode.ENDLESS_POSITIVE, "next": GO_ON}, "next = continue-with-stop"),
+        (
+            {"number": 1, "velocity": 1, "task": BlockTask.FIXED_STOP, "value": 9, "next": BlockNext.FLYING},
+            "fixed-stop",
+        ),
+    ],
+)
+def test_a_block_is_refused_with_number_key_value_and_what_is_allowed(values: dict[str, object], message: str) -> None:
+    with pytest.raises(GatewayError, match=message):
+        Block(**values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        ([Block(1, 0, 1), Block(1, 5, 1)], "block 1: defined twice"),
+        ([Block(1, 0, 1, next=GO_ON)], "block 1: continues with block 2, which is missing"),
+        ([Block(1, task=BlockTask.GOTO, value=7)], "block 1: continues with block 7, which is missing"),
+        ([Block(1, task=BlockTask.GOTO, value=1)], "block 1: the chain is a loop"),
+        (
+            [Block(1, task=BlockTask.SET_OUTPUT, value=1, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)],
+            "block 1: the chain is a loop",
+        ),
+        (
+            [Block(1, task=BlockTask.WAIT, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)],
+            "block 1: the chain is a loop",
+        ),
+    ],
+)
+def test_a_table_that_cannot_be_run_is_refused(blocks: list[Block], message: str) -> None:
+    with pytest.raises(GatewayError, match=message):
+        BlockTable(blocks)
+
+
+def test_a_ring_that_moves_or_waits_is_allowed() -> None:
+    assert len(BlockTable([Block(1, 0, 1, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)])) == 2
+    BlockTable([Block(1, task=BlockTask.WAIT, value=10, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)])
+
+
+# -- chains -------------------------------------------------------------------------------------------------------
 
 
 def chain(*blocks: Block, **settings: object) -> PositionerRig:
@@ -139,3 +200,74 @@ def test_stw2_8_moves_an_mdi_task_to_a_fixed_stop() -> None:
     assert rig.result.motion.torque == SETTINGS.clamping_torque
     rig.step(100)
     assert rig.result.fixed_stop
+
+
+# -- homing and reference point -----------------------------------------------------------------------------------
+
+
+def test_homing_sets_the_reference_coordinate_and_is_shown_100_ms() -> None:
+    rig = PositionerRig(replace(SETTINGS, reference_coordinate=1234))
+    rig.step(homing=True)
+    assert (rig.result.state, rig.result.homing, rig.result.home_set) == (State.HOMING, True, False)
+    assert rig.result.motion.kind is MotionKind.HOMING
+    rig.step(5)
+    assert (rig.result.state, rig.result.home_set, rig.position) == (State.IDLE, True, 1234)
+    assert rig.result.homing
+    rig.step(100_000_000 // CYCLE)
+    assert not rig.result.homing
+    assert rig.result.state is State.IDLE, "a standing STW1.11 homes once"
+
+
+def test_homing_that_is_taken_back_leaves_no_home_position() -> None:
+    rig = PositionerRig(delay=5)
+    rig.home()
+    rig.step(2, homing=True)
+    rig.step(homing=False)
+    assert rig.result.state is State.BRAKING
+    rig.settle()
+    assert not rig.result.home_set
+
+
+def test_a_reference_point_is_set_at_standstill_without_motion() -> None:
+    rig = PositionerRig(replace(SETTINGS, reference_coordinate=-70))
+    move(rig, target=500, **ABSOLUTE)
+    rig.settle()
+    rig.step(set_reference_point=True)
+    assert (rig.position, rig.result.home_set, rig.result.homing) == (-70, True, True)
+    move(rig, target=0)
+    rig.settle()
+    assert (rig.position, rig.seen.position) == (0, 570)
+    move(rig, target=9000)
+    rig.step(20, set_reference_point=False)
+    rig.step(set_reference_point=True)
+    assert rig.result.warning is Reason.REFERENCE_POINT_MOVING
+
+
+def test_passive_homing_takes_the_probe_during_a_task_that_keeps_its_way() -> None:
+    rig = PositionerRig()
+    move(rig, target=5000, **ABSOLUTE)
+    rig.step(3, homing=True, passive_homing=True)
+    assert (rig.result.probe, rig.result.state) == (True, State.MDI)
+    rig.seen.probe = 300
+    rig.step()
+    assert (rig.result.home_set, rig.result.probe) == (True, False)
+    rig.settle()
+    assert (rig.seen.position, rig.position, rig.result.reached) == (5000, 4700, True)
+
+
+def test_passive_homing_needs_a_probe() -> None:
+    rig = PositionerRig()
+    rig.step(homing=True, passive_homing=True)
+    rig.seen.probe_refused = True
+    rig.step()
+    assert (rig.result.warning, rig.result.probe) == (Reason.PASSIVE_HOMING_NOT_SUPPORTED, False)
+
+
+def test_tracking_needs_no_task() -> None:
+    rig = PositionerRig()
+    rig.step(2, tracking=True)
+    assert rig.result.state is State.TRACKING
+    move(rig, target=900, **ABSOLUTE)
+    assert rig.result.warning is Reason.FUNCTION_RUNS
+    rig.step(2, tracking=False, activate=False)
+    assert rig.result.state is State.IDLE

@@ -1,4 +1,4 @@
-"""What happened around the last fault or stop: few lines, the cause among them, on command and page."""
+"""Happenings around the last fault or stop, and the first line of the causes of device and PLC."""
 
 from __future__ import annotations
 
@@ -10,13 +10,20 @@ from pathlib import Path
 import pytest
 
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.objects.happenings import LINES, Happening, around_the_last_stop
-from pdgw.gateway.reasons import Enable
+from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.service import status_client
 from pdgw.gateway.service.status import answered, explanation, snapshot
+from pdgw.profidrive.words import unswapped
 from pdgw.tools.commands.gateway import explain as command
-from tests.support.documents.situations import BREAKERS, settle
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, until
+from pdgw.tools.output.status_text import Health, cause_sentence, check_line, object_lines, status_lines
+from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS
+from tests.support.documents.situation_table import BY_LINK
+from tests.support.documents.situations import BREAKERS, Situation, at_situation, settle
+from tests.support.gateways.daemon import OFF, ON, POSITIONER, Plc, axis, configuration, drive_of, running, until
+
+# -- few lines, the cause among them, on command and page ---------------------------------------------------------
 
 
 def happening(time_ns: int, text: str, do_id: int = 1, *, stops: bool = False) -> Happening:
@@ -206,3 +213,150 @@ def test_command_prints_the_lines_and_writes_the_support_file(
     with zipfile.ZipFile(file) as archive:
         assert {"explain.txt", "status.json"} <= set(archive.namelist())
         assert archive.read("explain.txt").decode().splitlines() == out[:-1]
+
+
+# -- a cause in the device or its use by the PLC, and its remedy --------------------------------------------------
+
+
+_ATTEMPTS = 12
+"""Several attempts to bring a node up, at different times within one."""
+_ASKED = 10
+"""Calls of ``--check`` that have the same result."""
+
+
+@pytest.mark.parametrize(("link", "title"), [(link, title) for link, found in BY_LINK.items() for title in found])
+def test_first_line_names_the_cause_and_its_remedy_cures_it(link: str, title: str) -> None:
+    situation = BY_LINK[link][title]
+    with at_situation(situation, link) as (daemon, plc):
+        item = daemon.objects[0]
+        for _ in range(_ATTEMPTS if "rejected" in situation.says else 1):
+            for _ in range(_ASKED):
+                plc.exchange()
+                judge(situation, daemon)
+            settle(plc)
+        situation.cure(plc, daemon)
+        settle(plc)
+        plc.until(lambda: item.enable_status.state is AxisState.OBEYS, item.enable_status.sentence)
+
+
+def judge(situation: Situation, daemon: Daemon) -> None:
+    """The first line has the words of a situation, and ``--check`` its exit status."""
+    document = snapshot(daemon)
+    item = (*document["axes"], *document["encoders"])[0]
+    line = cause_sentence(document["causes"][0]) if document["causes"] else item["sentence"]
+    assert [text for text in situation.says if text.lower() not in line.lower()] == [], line
+    assert [text for text in situation.lacks if text.lower() in line.lower()] == [], line
+    assert line.count("is not allowed") <= 1, line
+    health, checked = check_line(document)
+    assert health is situation.health
+    assert line in checked or not document["causes"], checked
+
+
+@pytest.mark.parametrize(
+    ("number", "more", "word", "others", "note"),
+    [
+        (1, "", ON | 1 << 11, {}, "without effect in telegram 1: STW1.11 = 1; a negative setpoint turns backwards"),
+        (1, "", ON | 1 << 13 | 1 << 15, {}, "sent to the drive as the same bits of the Controlword: STW1.13, STW1.15"),
+        (1, "", ON, {"NSOLL_A": 0x7FFF}, "NSOLL_A is 199.994 %: above 100 %"),
+        (9, "", 0x053F, {"SATZANW": 0x8000}, "without effect in telegram 9: STW1.8 = 1"),
+        (111, POSITIONER, 0x543F, {"OVERRIDE": 0x4000}, "without effect in telegram 111: STW1.12 = 1, STW1.14 = 1"),
+        (1, "", ON, {"NSOLL_A": 0x4000}, ""),
+        (111, POSITIONER, 0x043F, {"OVERRIDE": 0x4000}, ""),
+    ],
+)
+def test_words_without_effect_are_a_note_of_an_axis_in_operation(
+    number: int, more: str, word: int, others: dict[str, int], note: str
+) -> None:
+    with running(configuration(axis(1, telegram_number=number, more=f"simulate = true\n{more}"))) as daemon:
+        plc = Plc(daemon, [number])
+        plc.enable()
+        plc.endpoint.set(0, {"STW1": word, **others})
+        settle(plc)
+        document = snapshot(daemon)
+        assert document["axes"][0]["state_id"] == AxisState.OBEYS.name
+        assert [text for text in document["axes"][0]["notes"] if not text.startswith(note)] == []
+        assert bool(document["axes"][0]["notes"]) is bool(note)
+        assert (f"note: {note}" in " ".join(object_lines(document, 1, 400))) is bool(note)
+
+
+@pytest.mark.parametrize(
+    "word", [0x047E, 0x047F, 0x04FE, 0x043F, 0x0C3F, 0x0C7F, 0x047B, 0x0000, 0x0400, 0xF47F, 0x0604]
+)
+def test_word_of_a_healthy_program_is_not_taken_for_one_with_swapped_bytes(word: int) -> None:
+    assert unswapped(word) is None
+
+
+@pytest.mark.parametrize("word", [0x047E, 0x047F, 0x04FE, 0x043F, 0x0C3F])
+def test_swapped_bytes_are_found(word: int) -> None:
+    assert unswapped((word & 0xFF) << 8 | word >> 8) == word
+
+
+# -- causes beside each other: the first line names the physical one ----------------------------------------------
+
+
+_SLOW_PLC = "the PLC sends every 20 ms, and the watchdog time is 12 ms"
+_SHORT_NS = 400 * MS
+"""By then a node is found to be lost."""
+
+
+@pytest.mark.parametrize(
+    ("link", "title"),
+    [*(("udp", title) for title in BY_LINK["udp"]), *(("profinet", title) for title in CONTROLLER_SITUATIONS)],
+)
+def test_a_physical_cause_is_named_before_each_other_one(link: str, title: str) -> None:
+    """Each one comes beside all before it: the sentence names the first link of the chain."""
+    with at_situation(BY_LINK[link][title], link) as (daemon, plc):
+        item = daemon.objects[0]
+        own = item.enable_status.broken
+        assert own is not None
+        chain = [known.enable for known in item.enable_status.chain]
+        first = chain.index(own.enable)
+        for enable in (Enable.NO_FAULT, Enable.SUPPLY, Enable.NODE, Enable.BUS):
+            if enable in chain:
+                BREAKERS[enable](plc, daemon)
+                settle(plc, _SHORT_NS)
+                first = min(first, chain.index(enable))
+                broken = item.enable_status.broken
+                assert broken is not None
+                assert broken.enable is chain[first], item.enable_status.sentence
+        if own.enable is Enable.PLC:
+            assert own in item.enable_status.chain, "the page shows it beside the first one"
+
+
+def test_repeated_losses_of_the_plc_do_not_fill_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO", "gateway"), at_situation(PLC_SITUATIONS[_SLOW_PLC]) as (daemon, plc):
+        settle(plc, 10 * SECOND)
+        assert "watchdog_expiries: 5" in " ".join(status_lines(snapshot(daemon), 400, counters=True))
+        assert len([text for text in caplog.messages if "fault 103" in text]) <= 4
+        lines = [text for text in caplog.messages if text.startswith("PLC")]
+        assert len(lines) <= 8, lines
+        assert "20 ms apart, the limit is 12 ms; raise" in lines[-1]
+        assert lines[-1].endswith("times in 1 s)")
+
+
+def test_log_of_frames_that_do_not_count_has_the_words_of_the_first_line(caplog: pytest.LogCaptureFixture) -> None:
+    with (
+        caplog.at_level("INFO", "gateway"),
+        at_situation(PLC_SITUATIONS["the PLC sends another FrameID"]) as (daemon, _),
+    ):
+        broken = daemon.objects[0].enable_status.broken
+        assert broken is not None
+        assert [text for text in caplog.messages if text.startswith("frames")] == [
+            f"{broken.evidence}; {broken.remedy}"
+        ]
+
+
+def test_a_second_plc_is_a_warning_beside_the_first_one() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc, second = Plc(daemon, [1]), Plc(daemon, [1], "other")
+        plc.enable()
+        for _ in range(100):
+            plc.exchange()
+            second.send()
+        document = snapshot(daemon)
+        assert document["axes"][0]["state_id"] == AxisState.OBEYS.name
+        assert document["plc"]["refused_id"] == Reason.OTHER_SENDER.name
+        health, line = check_line(document)
+        assert health is Health.WARNING
+        assert document["plc"]["refused"] in line
+        assert "switch the other sender off" in " ".join(status_lines(document, 400))

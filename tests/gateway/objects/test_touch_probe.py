@@ -1,13 +1,24 @@
-"""The drive's touch probe through the whole gateway: G1 of the speed telegrams, passive homing of the positioner."""
+"""The drive's touch probe through the whole gateway, and tasks of telegram 9 with a drive of two RPDOs."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import pytest
 
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.dsp402.drive.client import DriveStatus
+from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.drive.model.position_modes import ProfilePosition
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
+from tests.support.gateways import site
 from tests.support.gateways.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running
+
+# -- G1 of the speed telegrams, passive homing of the positioner --------------------------------------------------
+
 
 ON_THE_FLY, ACTIVATE, READ = 0x80, 0x10, 0x20
 ZSW = signal("G1_ZSW")
@@ -109,3 +120,89 @@ def test_passive_homing_without_a_touch_probe_is_a_warning() -> None:
         node.indices.discard(0x60B8)
         plc.endpoint.set(0, {"POS_STW2": signal("POS_STW2").bit("PASSIVE_HOMING").mask, "STW1": 0x0C3F})
         plc.until(lambda: plc.value("WARN_CODE") == FaultNumber.POSITIONER, "warning")
+
+
+# -- accelerations by SDO: a task starts with its own data or not at all ------------------------------------------
+
+
+NODE = 5
+TASK_OFF, TASK_ON, TASK, NO_REJECT = 0x043E, 0x043F, 0x0040, 0x0010
+
+
+class Machine:
+    """An axis, its drive, and a PLC whose setpoints are ``values``."""
+
+    def __init__(self, axis: Axis, drive: SimulatedDrive) -> None:
+        self.axis = axis
+        self.drive = drive
+        names = axis.telegram.setpoints.names
+        self.values = dict.fromkeys(names, 0) | {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_VELOCITY": 0x2000_0000}
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        def cycle() -> object:
+            self.axis.step(self.axis.telegram.setpoints.from_dict(self.values), site.now())
+            self.axis.transmit(site.now())
+            return condition()
+
+        site.wait_for(cycle, what)
+
+    def give(self, word: int, **values: int) -> None:
+        """Setpoints, for one cycle."""
+        self.values |= values | {"STW1": word}
+        self.until(lambda: True, "one cycle")
+
+    def enable(self) -> None:
+        self.give(TASK_OFF)
+        self.until(lambda: self.axis.actuals[0] & 0xF == 0x1, "ready for switching on")
+        self.give(TASK_ON)
+        self.until(lambda: self.axis.actuals[0] & 0xF == 0x7, "operation")
+
+    @property
+    def acknowledged(self) -> bool:
+        return bool(self.axis.actuals[0] & 0x1000)
+
+
+@pytest.fixture
+def machine() -> Iterator[Machine]:
+    with site.guarded_network() as network:
+        drive = site.drive(NODE)
+        drive.node.misbehave("two-pdos")
+        drive.start()
+        axis = Axis(AxisConfig(do_id=1, node_id=NODE, telegram=9, sdo_timeout_ms=100), network, 4)
+        axis.drive.start()
+        machine = Machine(axis, drive)
+        machine.until(lambda: axis.drive.status is DriveStatus.ONLINE and axis.good, "online")
+        machine.enable()
+        yield machine
+        axis.drive.stop()
+        drive.stop()
+
+
+def test_a_task_starts_with_its_own_accelerations(machine: Machine) -> None:
+    machine.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=10))
+    for acceleration, expected in ((0x1000, 250), (0x0800, 125)):
+        machine.give(TASK_ON)
+        machine.until(lambda: not machine.acknowledged, "last task taken back")
+        machine.give(TASK_ON | TASK, MDI_TARPOS=acceleration << 12, MDI_ACC=acceleration, MDI_DEC=acceleration)
+        machine.until(lambda: machine.acknowledged, "task taken")
+        assert machine.drive.model.profile_acceleration == expected
+        motion = machine.drive.model.motion
+        assert isinstance(motion, ProfilePosition)
+        assert motion.setpoint is None or motion.setpoint.acceleration == 10 * expected
+    assert not machine.axis.faults
+
+
+def test_a_task_whose_data_is_not_taken_does_not_start_is_told_and_can_be_given_again(machine: Machine) -> None:
+    machine.drive.do(lambda node: node.misbehave("sdo-timeout"))
+    machine.give(TASK_ON | TASK, MDI_TARPOS=0x1000_0000, MDI_ACC=0x1000, MDI_DEC=0x1000)
+    machine.until(lambda: machine.axis.reason is Reason.SET_POINT_REFUSED, "refused")
+    assert [fault.number for fault in machine.axis.faults] == [119]
+    machine.drive.do(lambda node: node.behave())
+    machine.until(lambda: machine.drive.model.profile_acceleration == 250, "taken later")
+    machine.give(TASK_ON | TASK)
+    assert machine.drive.model.position == 0
+    machine.give(TASK_ON & ~NO_REJECT)
+    machine.give(TASK_ON)
+    machine.until(lambda: machine.axis.reason is None, "the task is dropped")
+    machine.give(TASK_ON | TASK)
+    machine.until(lambda: machine.drive.model.position > 0, "the same task, given again")

@@ -1,22 +1,39 @@
-"""Faults in the parameter channel, drives that do not answer, and what is saved, loaded and reset."""
+"""Faults of the parameter channel: drives that do not answer, the parameter store, P922, and program errors."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pdgw.ds301.loop.loop import Event
 from pdgw.durations import SECOND
+from pdgw.gateway.configuration.file import load_config
+from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.parameters import manager
+from pdgw.gateway.parameters.records import Records
+from pdgw.gateway.service.status import snapshot
+from pdgw.gateway.store import DeviceParameters, ParameterStore, stored_parameters
 from pdgw.peers.drive.objects import DRIVE_FAULTS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+from pdgw.profinet.rpc import dcerpc
+from pdgw.tools.client.udp import ParameterClient
+from pdgw.tools.commands.commissioning.config import check
+from pdgw.tools.commands.commissioning.map import map_
+from pdgw.tools.output.status_text import status_lines
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, running, serving, until
 from tests.support.gateways.daemon import client as client_of
 from tests.support.gateways.parameters import error, gateway, number, value, word, write
+from tests.support.gateways.profinet_daemon import PlantChannel, plant
+from tests.support.gateways.profinet_daemon import configuration as plant_configuration
+
+# -- drives that do not answer; what is saved, loaded and reset ---------------------------------------------------
 
 
 def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() -> None:
@@ -159,3 +176,151 @@ def test_stored_parameters_survive_the_gateway(tmp_path: Path) -> None:
             assert not write(client, 922, word(3)).failed
             assert not write(client, 925, word(7)).failed
     assert ParameterStore(store, pytest.fail).parameters.drive_object(1).telegram == 3
+
+
+# -- a stored telegram (P922) replaces that of the file -----------------------------------------------------------
+
+
+NOTE = "DO 1: telegram 3 is stored (P922) and replaces telegram 1 of the configuration"
+REMEDY = 'run "pdgw param write P922 1 --do 1"'
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """A configuration with telegram 1; telegram 3 is stored."""
+    path = tmp_path / "gateway.toml"
+    path.write_text(
+        'store = "store.json"\n[can]\ninterface = "virtual"\nchannel = "world"\n[transport]\ncyclic_port = 0\n'
+        f"acyclic_port = 0\nstatus_port = 0\n[trace]\nenabled = false\n{axis(1)}"
+    )
+    select(tmp_path / "store.json", 3)
+    return path
+
+
+def select(store: Path, number: int) -> None:
+    def change(parameters: DeviceParameters) -> None:
+        parameters.drive_object(1).telegram = number
+
+    ParameterStore(store, pytest.fail).update(change)
+
+
+def test_gateway_reports_the_stored_telegram_at_the_start_and_in_status(
+    file: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with running(load_config(file)) as daemon:
+        Plc(daemon, [3]).enable()
+        lines = " ".join(status_lines(snapshot(daemon), 400))
+    assert NOTE in caplog.text
+    assert NOTE in lines
+    assert REMEDY in lines
+
+
+def test_gateway_with_the_telegram_of_its_file_has_no_note(file: Path, caplog: pytest.LogCaptureFixture) -> None:
+    select(file.with_name("store.json"), 1)
+    with running(load_config(file)) as daemon:
+        assert snapshot(daemon)["notes"] == []
+    assert "P922" not in caplog.text
+
+
+def test_map_shows_the_frame_that_the_gateway_uses(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    map_(file)
+    shown = capsys.readouterr()
+    assert "G1_XIST1" in shown.out
+    assert NOTE in shown.err
+
+
+def test_config_check_names_the_stored_telegram(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    check(file)
+    assert NOTE in capsys.readouterr().out
+
+
+def test_reading_a_damaged_store_leaves_the_file_as_it_is(tmp_path: Path) -> None:
+    damaged = tmp_path / "store.json"
+    damaged.write_text("{}")
+    assert stored_parameters(damaged).telegrams == {}
+    assert [item.name for item in tmp_path.iterdir()] == ["store.json"]
+
+
+# -- a program error in one request is logged, and the next request is served -------------------------------------
+
+
+STATION = ("192.168.0.2", 34964)
+FAULT = "1C000012"
+"""nca_s_fault_unspec of DCE 1.1, appendix E."""
+
+
+@contextmanager
+def over_udp(folder: Path) -> Iterator[tuple[Daemon, ParameterClient]]:
+    with gateway(axis(1)) as made:
+        yield made
+
+
+@contextmanager
+def over_profinet(folder: Path) -> Iterator[tuple[Daemon, ParameterClient]]:
+    with plant(plant_configuration(axis(1), folder / "store.json")) as site:
+        site.connect()
+        with ParameterClient(STATION, 1, channel=PlantChannel(site)) as client:
+            client.connect()
+            yield site.daemon, client
+
+
+def mistaken(*_: object, **__: object) -> Any:
+    raise KeyError("a mistake")
+
+
+@contextmanager
+def mistakes(daemon: Daemon, caplog: pytest.LogCaptureFixture) -> Iterator[None]:
+    """What is asked meanwhile ends in mistakes; that they are counted is all they leave."""
+    caplog.clear()
+    yield
+    assert daemon.loop.task_errors > 0
+    tracebacks = [record for record in caplog.records if record.exc_info]
+    assert len(tracebacks) == 1, "a caller who asks again and again does not fill the log"
+    assert "KeyError: 'a mistake'" in caplog.text
+    daemon.loop.task_errors = 0
+
+
+EDGES = pytest.mark.parametrize("edge", [over_udp, over_profinet])
+Edge = Callable[[Path], Any]
+
+
+@EDGES
+@pytest.mark.parametrize(
+    ("place", "name", "told"),
+    [(Records, "write", FAULT), (manager, "answer", "read error")],
+    ids=["in a call: a FAULT of the RPC", "in a parameter request: a read error"],
+)
+def test_a_mistake_in_a_request_is_an_error_answer_for_its_caller_alone(
+    edge: Edge,
+    place: object,
+    name: str,
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with edge(tmp_path) as (daemon, client):
+        with mistakes(daemon, caplog), monkeypatch.context() as planted:
+            planted.setattr(place, name, mistaken)
+            for _ in range(3):
+                with pytest.raises(GatewayError, match=told):
+                    number(client, 965)
+            assert daemon.loop.task_errors == 3
+        assert number(client, 965) == 0x0329
+
+
+@EDGES
+def test_a_datagram_that_even_cannot_be_answered_does_not_end_the_service(
+    edge: Edge, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with edge(tmp_path) as (daemon, client):
+        decode = dcerpc.decode_packet
+        left = [3]
+
+        def decode_later(data: bytes) -> Any:
+            left[0] -= 1
+            return mistaken() if left[0] >= 0 else decode(data)
+
+        with mistakes(daemon, caplog), monkeypatch.context() as planted:
+            planted.setattr(dcerpc, "decode_packet", decode_later)
+            assert number(client, 965) == 0x0329, "it asks again"

@@ -1,23 +1,34 @@
-"""The status document: state words and chain from the daemon, faults with ids, and a socket that no client can block."""
+"""The status document with its counters, its socket that no client can block, and the gateway built by one function."""
 
 from __future__ import annotations
 
+import ast
 import json
 import re
+import socket
+from pathlib import Path
 
 import pytest
 
+import pdgw
+from pdgw.ds301.counters import Counters
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.values import FaultRecord, gateway_fault
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.fault_buffer import FaultLog
+from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason, warning_bits
 from pdgw.gateway.service.build import build_text
 from pdgw.gateway.service.cycle_times import Histogram
-from pdgw.gateway.service.status import answered, axis_status, encoder_status, snapshot
+from pdgw.gateway.service.operating_system import ServiceManager
+from pdgw.gateway.service.status import StatusServer, answered, axis_status, encoder_status, snapshot
+from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.output.status_text import status_lines
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.processes import free_tcp_port
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 
@@ -236,3 +247,96 @@ def test_the_age_of_the_plcs_last_frame_is_told() -> None:
         age = snapshot(daemon)["plc"]["heard_age_ms"]
         assert 2_000 <= age <= 2_004
         assert "the last 2 s ago" in "\n".join(status_lines(snapshot(daemon)))
+
+
+# -- counters, each with name, unit and meaning -------------------------------------------------------------------
+
+
+_ROOT = Path(__file__).parents[3]
+_EDGE = ("ds301/bus/network.py", "ds301/loop/loop.py", "gateway/daemon.py", "gateway/links", "gateway/links/profinet")
+
+
+def test_a_counter_reads_what_its_part_counts_now() -> None:
+    counters = Counters()
+    seen = [1]
+    counters.add("bus can0", "sent", "frames", "accepted by the interface", lambda: seen[0])
+    seen[0] = 7
+    assert counters.values() == [
+        {"part": "bus can0", "name": "sent", "value": 7, "unit": "frames", "meaning": "accepted by the interface"}
+    ]
+
+
+def test_status_lists_every_counter_with_unit_and_meaning() -> None:
+    daemon = build_gateway(configuration(axis(1, more="")))
+    try:
+        listed = snapshot(daemon)["counters"]
+    finally:
+        daemon.release()
+    names = {(item["part"], item["name"]) for item in listed}
+    assert {("bus can", "sent"), ("link", "accepted"), ("link", "stale"), ("records", "malformed")} <= names
+    assert len(names) == len(listed)
+    assert all(item["unit"] and item["meaning"] and item["value"] >= 0 for item in listed)
+
+
+def _modules() -> list[Path]:
+    found: list[Path] = []
+    for place in _EDGE:
+        path = _ROOT / place
+        found += sorted(path.glob("*.py")) if path.is_dir() else [path]
+    return found
+
+
+@pytest.mark.parametrize("path", _modules(), ids=lambda path: path.name)
+def test_nothing_public_is_counted_and_not_registered(path: Path) -> None:
+    registered = "\n".join(module.read_text() for module in _modules())
+    for node in ast.walk(ast.parse(path.read_text())):
+        # A sum of times does not count anything.
+        if (
+            isinstance(node, ast.AugAssign)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.target, ast.Attribute)
+        ):
+            name = node.target.attr
+            assert name.startswith("_") or f'"{name}"' in registered, f"{path.name}: {name} is counted, never shown"
+
+
+# -- the whole gateway from one function --------------------------------------------------------------------------
+
+
+CAN = '[can]\ninterface = "virtual"\nchannel = "assembly"\n'
+
+
+def text(status_port: int, directory: Path, acyclic_port: int = 0) -> str:
+    transport = f"[transport]\ncyclic_port = 0\nacyclic_port = {acyclic_port}\nstatus_port = {status_port}\n"
+    return f'{CAN}{transport}[trace]\ndirectory = "{directory}"\n{axis(1, more="")}'
+
+
+def test_a_library_user_gets_parameters_status_and_flight_recorder(tmp_path: Path) -> None:
+    gateway = pdgw.build_gateway(pdgw.parse_config(text(free_tcp_port(), tmp_path)), name="line-3")
+    try:
+        kinds = [type(service) for service in gateway.services]
+        assert kinds == [AcyclicServer, FlightRecorder, StatusServer, ServiceManager]
+        assert {path.stem for path in tmp_path.iterdir()} == {"line-3"}
+    finally:
+        for service in gateway.services:
+            service.stop()
+        gateway.release()
+
+
+def test_a_gateway_in_a_world_serves_parameters_and_opens_nothing_of_this_computer(tmp_path: Path) -> None:
+    gateway = pdgw.build_gateway(pdgw.parse_config(text(free_tcp_port(), tmp_path)), pdgw.World())
+    assert [type(service) for service in gateway.services] == [AcyclicServer]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_stays_open_when_the_status_port_is_in_use(tmp_path: Path) -> None:
+    records = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    records.bind(("127.0.0.1", 0))
+    port = records.getsockname()[1]
+    records.close()
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        config = pdgw.parse_config(text(taken.getsockname()[1], tmp_path, port))
+        with pytest.raises(GatewayError, match="status port"):
+            pdgw.build_gateway(config)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
+        again.bind(("127.0.0.1", port))

@@ -1,10 +1,12 @@
-"""The status port of a process that has no file descriptor left: it waits, spins for nothing, and answers later."""
+"""The status of a gateway that has no file descriptor left, and of one that has ended."""
 
 from __future__ import annotations
 
 import errno
 import socket
 from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -13,8 +15,17 @@ import pytest
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.durations import SECOND
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.last_words import kept_last_words, last_words
 from pdgw.gateway.service import status as status_module
 from pdgw.gateway.service.status import StatusServer
+from pdgw.gateway.service.status_client import fetch
+from pdgw.tools.output.status_text import Health
+from tests.support.cli import pdgw
+from tests.support.gateways.daemon import axis
+from tests.support.processes import free_tcp_port
+
+# -- no file descriptor: it waits and answers later ---------------------------------------------------------------
 
 
 class Listener:
@@ -93,3 +104,79 @@ def test_who_waited_is_answered_when_there_are_descriptors_again(
         assert listener.asked == 4
         assert len(caplog.records) == 1, "told once while it lasts"
         server.stop()
+
+
+# -- the reason why a gateway ended -------------------------------------------------------------------------------
+
+
+OTHER_MASTER = "CAN bus can: another master sends RPDO1 of drive 1 (COB-ID 201h); allowed: one gateway per bus"
+
+
+@pytest.fixture(autouse=True)
+def run_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+@pytest.fixture
+def port() -> int:
+    """No program listens here."""
+    return free_tcp_port()
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [(GatewayError(OTHER_MASTER), OTHER_MASTER), (RuntimeError("x"), "unexpected error: RuntimeError('x')")],
+)
+def test_status_of_an_ended_gateway_has_its_last_words(port: int, error: Exception, text: str) -> None:
+    with pytest.raises(type(error)), kept_last_words(port):
+        raise error
+    with pytest.raises(GatewayError, match="no gateway answers") as asked:
+        fetch(port)
+    assert str(asked.value).endswith(text)
+    assert "the last one ended on 20" in str(asked.value)
+
+
+def test_stop_as_commanded_is_no_error(port: int) -> None:
+    with kept_last_words(port):
+        pass
+    assert last_words(port).endswith("stopped as commanded")
+
+
+def test_start_deletes_the_words_of_the_gateway_before(port: int) -> None:
+    with pytest.raises(GatewayError), kept_last_words(port):
+        raise GatewayError(OTHER_MASTER)
+    with kept_last_words(port):
+        assert last_words(port) == ""
+
+
+def test_words_of_another_port_are_not_shown(port: int) -> None:
+    with kept_last_words(port + 1):
+        pass
+    assert last_words(port) == ""
+
+
+def test_gateway_without_a_status_port_keeps_nothing(tmp_path: Path) -> None:
+    with kept_last_words(0):
+        pass
+    assert not list(tmp_path.rglob("ended-*"))
+
+
+def test_check_of_an_ended_gateway_says_why(port: int) -> None:
+    with pytest.raises(GatewayError), kept_last_words(port):
+        raise GatewayError(OTHER_MASTER)
+    result = pdgw("status", "--check", "--port", str(port))
+    assert result.returncode == Health.UNKNOWN
+    assert OTHER_MASTER in result.stdout
+
+
+def test_gateway_that_cannot_start_leaves_its_error(port: int, tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
+        other.bind(("127.0.0.1", 0))
+        cyclic = other.getsockname()[1]
+        file.write_text(
+            '[can]\ninterface = "virtual"\n[trace]\nenabled = false\n'
+            f"[transport]\ncyclic_port = {cyclic}\nacyclic_port = 0\nstatus_port = {port}\n{axis(1, more='')}"
+        )
+        assert pdgw("run", str(file), "--log-file", str(tmp_path / "log")).returncode == 1
+    assert f"cyclic port: 127.0.0.1 port {cyclic} cannot be used" in last_words(port)

@@ -1,8 +1,10 @@
-"""The ring of the flight recorder: what is read is what was recorded, whatever happens to the files."""
+"""The ring of the flight recorder and the codec of its values."""
 
 from __future__ import annotations
 
+import enum
 import errno
+import importlib
 import os
 import signal
 import stat
@@ -10,6 +12,9 @@ import subprocess
 import sys
 import textwrap
 import time
+import typing
+from collections.abc import Iterator
+from dataclasses import is_dataclass
 from pathlib import Path
 
 import pytest
@@ -21,8 +26,12 @@ from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.place import prepared, rings, run_directory
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
+from pdgw.gateway.trace.steps import HOMES, recorded_class
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, world_of
 from tests.support.gateways.recorded_daemon import recorded
+
+# -- what is read is what was recorded, whatever happens to the files ---------------------------------------------
+
 
 BOTH = axis(1) + axis(3, telegram_number=9)
 
@@ -271,3 +280,36 @@ def test_kill_9_leaves_all_written_cycles_readable(tmp_path: Path) -> None:
             process.wait()
             assert [cycle.number for cycle in reader.cycles()] == list(range(1, reader.newest_cycle + 1))
             assert not reader.ended
+
+
+# -- every class in a recorded value is found by its name ---------------------------------------------------------
+
+
+def test_every_class_within_a_recorded_value_is_found_by_its_name() -> None:
+    waiting = [found for home in HOMES for found in _own(home)]
+    seen: set[type] = set()
+    while waiting:
+        kind = waiting.pop()
+        if kind not in seen:
+            seen.add(kind)
+            waiting += [inner for hint in _hints(kind) for inner in _classes(hint)]
+    assert [kind for kind in seen if recorded_class(kind.__name__) is not kind] == []
+
+
+def _own(module: str) -> Iterator[type]:
+    """The dataclasses that a module defines."""
+    for found in vars(importlib.import_module(module)).values():
+        if isinstance(found, type) and is_dataclass(found) and found.__module__ == module:
+            yield found
+
+
+def _hints(kind: type) -> list[object]:
+    return list(typing.get_type_hints(kind).values()) if is_dataclass(kind) else []
+
+
+def _classes(hint: object) -> Iterator[type]:
+    """The dataclasses and enums in a type."""
+    if isinstance(hint, type) and (is_dataclass(hint) or issubclass(hint, enum.Enum)):
+        yield hint
+    for inner in typing.get_args(hint):
+        yield from _classes(inner)

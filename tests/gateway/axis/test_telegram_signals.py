@@ -1,23 +1,117 @@
-"""A telegram of the user's own, declared in the configuration: carried out as the one it is like, refused where it cannot be."""
+"""Signals of each telegram: none without a reader or writer, what of the scaling they need, and telegrams of the user's own."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 
+from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.gateway.axis import telegrams
-from pdgw.gateway.axis.telegrams import add_telegram
+from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
+from pdgw.gateway.axis.adapters.speed_words import SpeedAdapter
+from pdgw.gateway.axis.settings import AxisSettings, needed_quantities
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS, add_telegram, make_adapter
+from pdgw.gateway.commissioning.telegram_check import lacks, not_available
 from pdgw.gateway.configuration.byte_map import frame_maps
+from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
+from pdgw.gateway.configuration.devices import PositionerConfig
 from pdgw.gateway.configuration.file import config_text, parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.world import Plc
 from pdgw.profidrive import telegrams as catalogue
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram, telegram
 from pdgw.tools.output.data_sheets import write_gsdml
+from tests.support.axis.positioner import CHOICES
+from tests.support.drives.drive_types import engel
 from tests.support.gateways.daemon import drive_of, running, world_of
+
+# -- signals and adapters -----------------------------------------------------------------------------------------
+
+
+_SETTINGS = AxisSettings(positioner=replace(CHOICES, lu_per_unit=1000))
+
+
+def with_actual(number: int, name: str) -> Telegram:
+    chosen = telegram(number)
+    return replace(chosen, actuals=replace(chosen.actuals, signals=(*chosen.actuals.signals, signal(name))))
+
+
+@pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
+def test_adapter_serves_every_signal_of_its_telegram(number: int) -> None:
+    make_adapter(number, _SETTINGS)
+
+
+def test_speed_adapter_refuses_a_telegram_with_a_position() -> None:
+    """Telegram 8, as someone may add it in two lines of data."""
+    with pytest.raises(GatewayError, match="telegram 3: SpeedAdapter neither reads nor writes XIST_A"):
+        SpeedAdapter(with_actual(3, "XIST_A"), _SETTINGS).check()
+
+
+@pytest.mark.parametrize("number", ENCODER_TELEGRAM_NUMBERS)
+def test_encoder_adapter_refuses_a_signal_that_it_does_not_serve(number: int) -> None:
+    EncoderAdapter(telegram(number))
+    with pytest.raises(GatewayError, match="neither reads nor writes MIST_GLATT"):
+        EncoderAdapter(with_actual(number, "MIST_GLATT"))
+
+
+# -- scaling that a telegram needs --------------------------------------------------------------------------------
+
+
+ONLY_SPEED = (Quantity.SPEED,)
+
+
+@pytest.mark.parametrize(
+    ("number", "needed"),
+    [(1, ONLY_SPEED), (2, ONLY_SPEED), (3, ONLY_SPEED), (20, ONLY_SPEED), (100, ONLY_SPEED), (9, tuple(Quantity))],
+)
+def test_telegram_needs_only_the_references_of_its_signals(number: int, needed: tuple[Quantity, ...]) -> None:
+    assert needed_quantities(telegram(number)) == needed
+
+
+def _drive(modes: tuple[int, ...], missing: str = "") -> DriveType:
+    drive = engel()
+    scaling = replace(drive.scaling, counts_per_revolution=Fraction(4096), acceleration_per_rpm_s=Fraction(1, 10))
+    entries = {name: entry for name, entry in drive.entries.items() if name != missing}
+    return replace(
+        drive, scaling=scaling, modes=MappingProxyType(dict.fromkeys(modes, "")), entries=MappingProxyType(entries)
+    )
+
+
+def test_111_is_refused_without_profile_velocity_mode() -> None:
+    assert lacks(_drive((1, 3, 6)), 111) == ""
+    assert "3 for setting up and jog" in lacks(_drive((1, 6, 9)), 111)
+
+
+def test_a_fixed_stop_is_refused_without_the_actual_current() -> None:
+    choices = PositionerConfig.model_validate(SIMULATED_KEYS | {"clamping_torque": 100}).choices(())
+    settings = AxisSettings(positioner=choices)
+    assert lacks(_drive((1, 3)), 111, settings) == ""
+    assert "current_actual: 'not an object of this drive'" in lacks(_drive((1, 3), "current_actual"), 111, settings)
+    assert lacks(_drive((1, 3), "current_actual"), 111) == "", "without a fixed stop nothing needs it"
+
+
+@pytest.mark.parametrize("missing", ["profile_acceleration", "target_position", "velocity_actual"])
+def test_objects_needed_for_motion_are_never_optional(missing: str) -> None:
+    assert "not an object of this drive" in lacks(_drive((1, 3), missing), 9)
+
+
+@pytest.mark.parametrize("number", [7, 9, 110, 111, 112])
+def test_a_drive_without_profile_velocity_is_not_refused(number: int) -> None:
+    drive = _drive((1, 3), "profile_velocity")
+    assert lacks(drive, number) == ""
+    assert any("6081h not available: traversing tasks run at" in line for line in not_available(drive, number))
+
+
+# -- telegrams of the configuration -------------------------------------------------------------------------------
+
 
 OWN = """
 [[telegram]]
