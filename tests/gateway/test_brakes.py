@@ -103,8 +103,7 @@ def _turning(daemon: Daemon, guard: Guard) -> tuple[SimulatedDrive, Plc]:
 
 def _told_to_stop(daemon: Daemon, plc: Plc) -> Sent:
     """OFF3, some cycles later; what the gateway sends from then on."""
-    for _ in range(50):
-        plc.exchange()
+    plc.exchange(50)
     sent = Sent(daemon)
     plc.endpoint.set(0, {"STW1": OFF3})
     return sent

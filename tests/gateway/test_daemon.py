@@ -40,6 +40,7 @@ from tests.support.gateways.daemon import (
     configuration,
     drive_of,
     exchanging,
+    operating,
     running,
     until,
     world_of,
@@ -113,29 +114,22 @@ def test_a_withheld_heartbeat_stops_the_drives_of_that_bus_and_no_others() -> No
 def test_a_very_long_cycle_keeps_the_drive_guarded_and_online(more: str) -> None:
     """Heartbeats and TPDOs do not depend on the cycle of the PLC."""
     config = configuration(axis(1, more=f"simulate = true\n{more}"), transport="cycle_time_ms = 400")
-    with running(config) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
-        for _ in range(3):
-            plc.exchange()
+    with operating(config) as (daemon, plc):
+        plc.exchange(3)
         assert plc.state() == 0x07
         assert [fault.text for fault in daemon.axes[0].faults] == []
 
 
 def test_a_silent_plc_can_watch_the_axis_stop_and_a_standing_on_does_not_restart_it() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-        plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+    with operating() as (daemon, plc):
+        plc.turn(0x2000)
         plc.silent = True
         plc.until(lambda: plc.state() == 0x40 and plc.value("NIST_A") == 0, "stopped")
         assert not plc.endpoint.setpoints_used[0]
         assert [fault.number for fault in daemon.axes[0].faults] == [103]
         plc.silent = False
         plc.until(lambda: endpoint_of(daemon).connected and plc.endpoint.setpoints_used[0], "connected again")
-        for _ in range(10):
-            plc.exchange()
+        plc.exchange(10)
         assert plc.state() == 0x40
         plc.enable()
 
@@ -195,26 +189,21 @@ def test_a_drive_that_fails_is_lost_and_comes_back_without_motion() -> None:
         drive_of(daemon).do(lambda node: node.receive(0, bytes((129, 1)), node.now))
         plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
         plc.until(lambda: daemon.axes[0].drive.generation == 2 and plc.endpoint.actuals[0] is not None, "back")
-        for _ in range(20):
-            plc.exchange()
+        plc.exchange(20)
         assert plc.state() == 0x40
         assert {101, 105} & {fault.number for fault in daemon.axes[0].faults}
         plc.enable()
 
 
 def test_a_fault_of_the_drive_reaches_the_axis_under_its_number() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         drive_of(daemon).inject(7)
         plc.until(lambda: plc.state() & 0x08, "fault in ZSW1")
         plc.until(lambda: [fault.number for fault in daemon.axes[0].faults] == [7], "fault recorded")
 
 
 def test_a_flood_of_datagrams_delays_no_cycle() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         world = world_of(daemon)
         intruder = world.network.open("intruder", 0, "flood")
         flooding = True
@@ -234,11 +223,8 @@ def test_a_flood_of_datagrams_delays_no_cycle() -> None:
 
 
 def test_stop_brings_a_turning_drive_to_rest_then_pre_operational() -> None:
-    with running(configuration(axis(1, more='simulate = true\non_plc_loss = "ramp"'))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-        plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+    with operating(configuration(axis(1, more='simulate = true\non_plc_loss = "ramp"'))) as (daemon, plc):
+        plc.turn(0x2000)
         model = drive_of(daemon).model
         plc.silent = True
         daemon.stop()
@@ -254,11 +240,8 @@ def test_stop_brings_a_turning_drive_to_rest_then_pre_operational() -> None:
     ids=["OFF2", "OFF3", "zeros", "OFF3 without control"],
 )
 def test_off2_and_off3_end_the_ramp_of_a_gateway_that_stops(word: int, controlword: int) -> None:
-    with running(configuration(axis(1, more='simulate = true\non_plc_loss = "ramp"'))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-        plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+    with operating(configuration(axis(1, more='simulate = true\non_plc_loss = "ramp"'))) as (daemon, plc):
+        plc.turn(0x2000)
         command = daemon.axes[0].machine.outputs.command
         daemon.stop()
         plc.exchange()
@@ -283,9 +266,8 @@ def test_an_encoder_ignores_the_plc_while_the_gateway_stops() -> None:
     )
     with running(configuration(axes)) as daemon:
         plc = Plc(daemon, [1, 81])
-        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
         plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        plc.turn(0x2000)
         inputs = daemon.encoders[0].machine.inputs
         assert inputs.setpoints is not None
         daemon.stop()
@@ -320,16 +302,12 @@ def _lose(daemon: Daemon, plc: Plc) -> None:
 
 
 def test_a_gateway_that_stops_stops_a_lost_drive_before_it_ends() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-        plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+    with operating() as (daemon, plc):
+        plc.turn(0x2000)
         model = drive_of(daemon).model
         _lose(daemon, plc)
         daemon.stop()
-        for _ in range(200):
-            plc.exchange()
+        plc.exchange(200)
         assert not daemon.stopped.is_set(), "the drive may still turn"
         assert daemon.axes[0].machine.outputs.command.controlword & 0xF == 0x2
         world_of(daemon).gateway_port("world").connect(True)
@@ -339,9 +317,7 @@ def test_a_gateway_that_stops_stops_a_lost_drive_before_it_ends() -> None:
 
 
 def test_a_drive_that_stays_lost_delays_the_end_by_five_seconds() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         _lose(daemon, plc)
         daemon.stop()
         since = plc.loop.now()
@@ -361,9 +337,7 @@ def test_a_drive_that_was_off_when_it_was_lost_does_not_delay_the_end() -> None:
 
 
 def test_another_telegram_is_selected_only_out_of_operation() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         with pytest.raises(GatewayError, match="the telegram cannot be changed: the axis is in operation"):
             daemon.change_telegram(daemon.axes[0], 2)
         plc.endpoint.set(0, {"STW1": OFF})

@@ -119,8 +119,7 @@ def travels(plc: Plc, drive: SimulatedDrive) -> None:
     plc.enable()
     task = {"SATZANW": 0x8000, "MDI_TARPOS": target, "MDI_VELOCITY": half, "MDI_MOD": 1}
     plc.endpoint.set(0, {**task, "MDI_ACC": 0x4000, "MDI_DEC": 0x2000, "STW1": 0x043F})
-    for _ in range(5):
-        plc.exchange()
+    plc.exchange(5)
     plc.endpoint.set(0, {"STW1": 0x047F})
     fastest = 0.0
     while not (drive.model.ramp.speed == 0 and fastest):

@@ -25,6 +25,7 @@ from tests.support.gateways.daemon import (
     configuration,
     drive_of,
     exchanging,
+    operating,
     running,
     until,
     world_of,
@@ -65,9 +66,8 @@ def test_a_master_that_comes_later_ends_the_gateway_after_its_drives_are_stopped
     other = world.bus(CHANNEL).join("another gateway")
     daemon.start()
     plc = Plc(daemon, [1])
-    plc.endpoint.set(0, {"NSOLL_A": 0x2000})
     plc.enable()
-    plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+    plc.turn(0x2000)
     with exchanging(plc):
         other.send(HEARTBEAT, b"\x05")
         world.loop.until(daemon.stopped.is_set, "the end of the gateway", 10 * SECOND)
@@ -80,9 +80,7 @@ def test_a_master_that_comes_later_ends_the_gateway_after_its_drives_are_stopped
 
 def test_a_second_producer_of_sync_ends_the_gateway_after_its_drives_are_stopped() -> None:
     config = configuration(axis(1, telegram_number=105, more=DSC))
-    with running(config) as daemon:
-        plc = Plc(daemon, [105])
-        plc.enable()
+    with operating(config) as (daemon, plc):
         other = world_of(daemon).bus(CHANNEL).join("a drive with bit 30 of 1005h")
         with exchanging(plc):
             other.send(SYNC, b"")
@@ -144,18 +142,13 @@ def test_a_drive_that_another_tool_takes_out_of_operation_is_lost_with_its_next_
 ) -> None:
     """At any time between two heartbeats: the position comes by SDO, and 606Ch of the last TPDO is old from then on."""
     times = "simulate = true\nheartbeat_ms = 700\ntpdo_event_ms = 2000\n"
-    with running(configuration(axis(1, more=times))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-        plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
-        for _ in range(after_ms * MS // daemon.cycle_ns):
-            plc.exchange()
+    with operating(configuration(axis(1, more=times))) as (daemon, plc):
+        plc.turn(0x2000)
+        plc.exchange(after_ms * MS // daemon.cycle_ns)
         client = daemon.axes[0].drive
         generation = client.generation
         world_of(daemon).bus(CHANNEL).join("another tool").send(NMT, bytes((command, 1)))
-        for _ in range(800 * MS // daemon.cycle_ns):
-            plc.exchange()
+        plc.exchange(800 * MS // daemon.cycle_ns)
         faults = [(fault.number, fault.text) for fault in daemon.axes[0].faults]
         assert [number for number, _ in faults] == [FaultNumber.NODE_LOST]
         assert f"the heartbeat of node 1 says {state}" in faults[0][1]
@@ -193,9 +186,8 @@ MAPPED_ANEW = (
 def test_write_of_another_tool_stops_the_drive_and_configures_it_again(frames: tuple[bytes, ...], what: str) -> None:
     with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
         plc, model, client = Plc(daemon, [1]), drive_of(daemon).model, daemon.axes[0].drive
-        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
         plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        plc.turn(0x2000)
         fastest, generation = model.ramp.speed, client.generation
         other = world_of(daemon).bus(CHANNEL).join("another tool")
         for frame in frames:
@@ -214,8 +206,7 @@ def test_write_of_another_tool_stops_the_drive_and_configures_it_again(frames: t
         assert f"another tool writes {what}" in fault.text
         assert model.state is not State.OPERATION_ENABLED
         plc.until(lambda: model.ramp.speed == 0, "standstill")
-        for _ in range(50):
-            plc.exchange()
+        plc.exchange(50)
         assert (model.ramp.speed, plc.state() & 0x4) == (0, 0), "a standing ON starts nothing"
         assert drive_of(daemon).node.get_data(0x1600, 1) == (0x60FF_0020).to_bytes(4, "little")
 
@@ -224,15 +215,13 @@ def test_write_of_another_tool_stops_the_drive_while_an_answer_is_awaited() -> N
     """A parameter client reads an object, and the drive does not answer for 200 ms."""
     with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
         plc, model, client = Plc(daemon, [1]), drive_of(daemon).model, daemon.axes[0].drive
-        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
         plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        plc.turn(0x2000)
         drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=200))
         client.submit(lambda node: node.sdo.read(0x6065))
         plc.exchange()
         world_of(daemon).bus(CHANNEL).join("another tool").send(SDO_REQUEST + 1, _download(0x607E, 0, b"\x40"))
-        for _ in range(10):
-            plc.exchange()
+        plc.exchange(10)
         assert model.controlword & 0x4 == 0, "Quick Stop"
         assert plc.state() & 0x8, "a fault"
 
@@ -249,14 +238,11 @@ def test_preset_of_another_tool_makes_the_position_of_an_encoder_invalid() -> No
 
 
 def test_another_tool_may_read_and_write_what_the_gateway_does_not_use() -> None:
-    with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating(configuration(axis(1, more="simulate = true\n"))) as (daemon, plc):
         other = world_of(daemon).bus(CHANNEL).join("another tool")
         for frame in (b"\x40\x60\x60\0\0\0\0\0", _download(0x6065, 0, b"\1\0\0\0"), b"\x23", b""):
             other.send(SDO_REQUEST + 1, frame)
-            for _ in range(20):
-                plc.exchange()
+            plc.exchange(20)
         assert not daemon.axes[0].faults
         assert plc.state() == 0x07
 
@@ -310,9 +296,7 @@ def _segment(number: int) -> bytes:
 
 @pytest.mark.parametrize("segments", [0, 34, 127])
 def test_data_of_a_block_download_is_not_taken_for_other_writes(segments: int) -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         other = world_of(daemon).bus(CHANNEL).join("another tool")
 
         def send(*frames: bytes) -> None:
@@ -331,9 +315,7 @@ def test_data_of_a_block_download_is_not_taken_for_other_writes(segments: int) -
 
 def test_block_download_behind_one_of_64_segments_is_a_write() -> None:
     """The end of the first one could be its segment 65, the begin of the second one its segment 66."""
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         other = world_of(daemon).bus(CHANNEL).join("another tool")
         begin, end = b"\xc2\x00\x20\x00\x00\x04\0\0", b"\xc1\0\0\0\0\0\0\0"
         for frame in (begin, *map(_segment, range(1, 64)), _segment(64 | 0x80), end, b"\xc2\x60\x60\x00\x01\0\0\0"):
@@ -344,13 +326,10 @@ def test_block_download_behind_one_of_64_segments_is_a_write() -> None:
 
 
 def test_a_heartbeat_without_an_nmt_state_is_none() -> None:
-    with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating(configuration(axis(1, more="simulate = true\n"))) as (daemon, plc):
         other = world_of(daemon).bus(CHANNEL).join("another tool")
         other.send(ERROR_CONTROL + 1, b"\x27")
-        for _ in range(50):
-            plc.exchange()
+        plc.exchange(50)
         assert not daemon.axes[0].faults
         drive_of(daemon).do(lambda node: node.values.__setitem__((PRODUCER_HEARTBEAT, 0), 0))
         for _ in range(SECOND // daemon.cycle_ns):

@@ -30,6 +30,7 @@ from tests.support.gateways.daemon import (
     configuration,
     drive_of,
     exchanging,
+    operating,
     running,
     serving,
     world_of,
@@ -62,9 +63,7 @@ def test_every_telegram_can_be_simulated_by_number_alone() -> None:
 
 @pytest.mark.parametrize(("form", "mode"), [("position", 8), ("speed", 9)])
 def test_dsc_through_the_gateway_holds_a_position(form: str, mode: int) -> None:
-    with running(config(105, f'{DSC}"{form}"')) as daemon:
-        plc = Plc(daemon, [105])
-        plc.enable()
+    with operating(config(105, f'{DSC}"{form}"')) as (daemon, plc):
         drive = drive_of(daemon)
         assert drive.node.read(0x6061) == mode
         assert [drive.node.read(0x60C2, sub) for sub in (1, 2)] == [4, -3], "4 ms"
@@ -116,9 +115,7 @@ def test_polarity_or_unit_written_by_a_client_clears_the_home_position(
 @pytest.mark.parametrize("form", ["position", "speed"])
 def test_unit_that_changes_while_dsc_moves_the_axis_is_found(form: str) -> None:
     """With positions for each SYNC there is neither Target Velocity nor a new setpoint."""
-    with running(config(105, f'{DSC}"{form}"')) as daemon:
-        plc = Plc(daemon, [105])
-        plc.enable()
+    with operating(config(105, f'{DSC}"{form}"')) as (daemon, plc):
         drive, way = drive_of(daemon), 0
 
         def moved() -> object:
@@ -140,20 +137,16 @@ def test_unit_that_changes_while_dsc_moves_the_axis_is_found(form: str) -> None:
 @pytest.mark.parametrize("form", ["position", "speed"])
 def test_with_a_watchdog_of_a_second_dsc_does_not_turn_on_when_the_plc_is_silent(form: str) -> None:
     axes = axis(1, telegram_number=105, more=f'{DSC}"{form}"')
-    with running(configuration(axes, transport="watchdog_factor = 250")) as daemon:
-        plc = Plc(daemon, [105])
-        plc.enable()
+    with operating(configuration(axes, transport="watchdog_factor = 250")) as (daemon, plc):
         for way in range(0, 10_000, 100):
             plc.endpoint.set(0, {"XERR": way - plc.value("G1_XIST1"), "KPC": 20_000})
             plc.exchange()
         drive = drive_of(daemon).node.model
         assert drive.velocity_actual > 0
         plc.silent = True
-        for _ in range(40):
-            plc.exchange()
+        plc.exchange(40)
         rest = drive.position
-        for _ in range(10):
-            plc.exchange()
+        plc.exchange(10)
         assert (drive.velocity_actual, drive.state, drive.position) == (0, State.OPERATION_ENABLED, rest)
         assert daemon.link.connected
         assert snapshot(daemon)["axes"][0]["reason"] == Reason.DSC_OUT_OF_DATE.value
@@ -169,21 +162,16 @@ def test_a_dsc_telegram_needs_to_know_where_the_loop_is_closed(number: int) -> N
 
 @pytest.mark.parametrize("number", [102, 103, 4])
 def test_speed_telegrams_turn_through_the_gateway(number: int) -> None:
-    with running(config(number, "simulate = true")) as daemon:
-        plc = Plc(daemon, [number])
-        plc.enable()
+    with operating(config(number, "simulate = true")) as (_, plc):
         plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
         plc.until(lambda: plc.value("NIST_B") == 1 << 28, "750 rpm")
 
 
 def test_111_shows_the_numbers_of_faults_and_warnings() -> None:
-    with running(config(111, SIMULATED_POSITIONER)) as daemon:
-        plc = Plc(daemon, [111])
-        plc.enable()
+    with operating(config(111, SIMULATED_POSITIONER)) as (daemon, plc):
         assert (plc.value("FAULT_CODE"), plc.value("WARN_CODE")) == (0, 0)
         plc.endpoint.set(0, {"STW1": 0x043F})
-        for _ in range(5):
-            plc.exchange()
+        plc.exchange(5)
         plc.endpoint.set(0, {"POS_STW1": 99, "STW1": 0x047F})
         plc.until(lambda: plc.value("WARN_CODE") == FaultNumber.POSITIONER, "unknown block")
         plc.endpoint.set(0, {"STW1": 0x042F})

@@ -19,6 +19,7 @@ from tests.support.gateways.daemon import (
     configuration,
     drive_of,
     exchanging,
+    operating,
     running,
     until,
     world_of,
@@ -48,11 +49,8 @@ def _short(world: World, away: bool) -> None:
 def test_a_turning_drive_is_stopped_within_two_refreshes_of_the_first_frame_that_passes(
     milliseconds: int, outage: Callable[[World, bool], None]
 ) -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.endpoint.set(0, {"NSOLL_A": FULL_SPEED})
-        plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == FULL_SPEED, "3000 rpm")
+    with operating() as (daemon, plc):
+        plc.turn(FULL_SPEED)
         model, world = drive_of(daemon).model, world_of(daemon)
         world.bus(CHANNEL).members[0].restart_ns = 0
         with exchanging(plc):
@@ -80,11 +78,8 @@ def test_a_turning_drive_is_stopped_within_two_refreshes_of_the_first_frame_that
 def test_the_stop_is_on_its_way_while_the_bus_is_away() -> None:
     """The queue of a controller without a bus, and every try to send, hold the stop: it is what passes first."""
     sent: list[int] = []
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.endpoint.set(0, {"NSOLL_A": FULL_SPEED})
-        plc.enable()
-        plc.until(lambda: plc.value("NIST_A") == FULL_SPEED, "3000 rpm")
+    with operating() as (daemon, plc):
+        plc.turn(FULL_SPEED)
         world = world_of(daemon)
         with exchanging(plc):
             world.unplug(CHANNEL)

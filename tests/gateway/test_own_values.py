@@ -36,6 +36,7 @@ from tests.support.gateways.daemon import (
     configuration,
     drive_of,
     exchanging,
+    operating,
     record_server,
     running,
     world_of,
@@ -269,8 +270,7 @@ def test_an_exchanged_drive_has_its_own_limit_in_the_same_gateway(site: Site) ->
         drive_of(plc.daemon).do(lambda item: item.restart())
         plc.until(lambda: not plc.daemon.axes[0].powered, "a drive that is lost")
         enable_positioner(plc)
-        for _ in range(50):
-            plc.exchange()
+        plc.exchange(50)
         assert torque(plc) == 800
 
 
@@ -321,14 +321,12 @@ def test_replay_of_a_gateway_after_a_crash_is_equal(site: Site, tmp_path: Path, 
     with site.gateway(config, tmp_path) as plc:
         lower(plc) if clamps else start(plc)
         plc.endpoint.set(0, {} if clamps else REDUCED)
-        for _ in range(100):
-            plc.exchange()
+        plc.exchange(100)
         other = world_of(plc.daemon).bus("world").join("another tool")
         other.send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
         plc.until(lambda: not plc.daemon.axes[0].powered, "a lost node")
         start(plc)
-        for _ in range(100):
-            plc.exchange()
+        plc.exchange(100)
     assert not replay_of(tmp_path)[0].differences
 
 
@@ -578,9 +576,8 @@ def test_a_drive_guarded_by_its_rpdo_has_no_fault_while_it_stores(site: Site) ->
     def prepare(daemon: Daemon) -> None:
         drives.append(world_of(daemon).drive("world", 1, shape=shape("rpdo-timeout")))
 
-    with running(configuration(axis(1, telegram_number=102, more="")), prepare) as daemon:
-        plc, axis_1 = Plc(daemon, [102]), daemon.axes[0]
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=102, more="")), prepare) as (daemon, plc):
+        axis_1 = daemon.axes[0]
         plc.endpoint.set(0, REDUCED)
         switch_off(plc)
         guarding = axis_1.drive.guarding

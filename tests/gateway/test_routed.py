@@ -39,8 +39,7 @@ def test_a_plc_enables_moves_and_sees_the_age_of_its_frames() -> None:
         world_of(daemon).network.conditions = Conditions(delay_ns=3 * MS, jitter_ns=MS)
         plc = Plc(daemon, [1], PLC)
         plc.enable()
-        for _ in range(100):
-            plc.exchange()
+        plc.exchange(100)
         document = snapshot(daemon)
         assert document["plc"]["connected"]
         (line,) = (line for line in status_lines(document) if line.startswith("age of frames"))
@@ -74,8 +73,7 @@ def test_a_restarted_gateway_connects_again_and_starts_nothing() -> None:
         )
         again.start()
         plc.daemon = again
-        for _ in range(500):
-            plc.exchange()
+        plc.exchange(500)
         assert again.link.connected
         assert again.link.status()["frames"][Verdict.NO_TICK.value] > 0  # type: ignore[index]
         assert plc.state() != 0x07, "the ON that stays active starts nothing"
@@ -93,8 +91,7 @@ def test_p922_to_a_layout_of_the_same_size_takes_no_frame_of_the_old_one() -> No
         plc.until(lambda: plc.state() == 0x01, "ready")
         accepted = daemon.link.status()["frames"][Verdict.ACCEPTED.value]  # type: ignore[index]
         daemon.change_telegram(daemon.objects[0], 9, PLC)
-        for _ in range(3):
-            plc.exchange()
+        plc.exchange(3)
         assert daemon.link.status()["frames"][Verdict.ACCEPTED.value] == accepted  # type: ignore[index]
         plc.port.close()
         changed = Plc(daemon, [9], PLC)

@@ -34,6 +34,7 @@ from tests.support.gateways.daemon import (
     Plc,
     axis,
     configuration,
+    online,
     running,
     serving,
     until,
@@ -105,8 +106,7 @@ KEYS = {"no-range": 'rated_acceleration_rpm_s = 10000\nacceleration_unit = "rpm/
 def _asks_for_ten_turns(plc: Plc, reference: int) -> None:
     task = {"SATZANW": 0x8000, "MDI_TARPOS": (TEN_TURNS << 30) // reference, "MDI_VELOCITY": 1 << 29, "MDI_MOD": 1}
     plc.endpoint.set(0, {**task, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "STW1": 0x043F})
-    for _ in range(5):
-        plc.exchange()
+    plc.exchange(5)
     plc.endpoint.set(0, {"STW1": 0x047F})
 
 
@@ -136,13 +136,12 @@ def test_a_mode_that_can_only_be_written_is_confirmed_by_6061h() -> None:
 def test_a_shape_with_an_unknown_unit_refuses_telegram_9_and_says_why() -> None:
     with running(configuration(axis(1, telegram_number=9, more=""))) as daemon:
         drive = _drive(daemon, "no-range")
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [9])
         plc.endpoint.set(0, {"STW1": 0x047E})
         plc.until(lambda: daemon.axes[0].faults, "a fault")
         plc.endpoint.set(0, {"STW1": 0x047F})
-        for _ in range(100):
-            plc.exchange()
+        plc.exchange(100)
         fault = daemon.axes[0].faults[-1]
         assert fault.number == FaultNumber.REFERENCE
         assert "set rated_acceleration_rpm_s" in fault.text
@@ -162,15 +161,14 @@ GUARDED = {
 def test_a_drive_of_a_gateway_that_dies_stops_by_what_the_status_names(name: str) -> None:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, name)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": QUARTER})
         plc.until(lambda: abs(drive.model.ramp.speed - 750) < 1, "750 rpm")
         (status,) = snapshot(daemon)["axes"]
         assert status["guarding"] == GUARDED[name]
-        for _ in range(250):
-            plc.exchange()
+        plc.exchange(250)
         assert drive.model.ramp.speed == pytest.approx(750), "guarded for a second, and not stopped"
         world_of(daemon).gateway_port("world").connect(False)
         plc.loop.run_for(1500 * MS)
@@ -181,7 +179,7 @@ def test_a_drive_of_a_gateway_that_dies_stops_by_what_the_status_names(name: str
 def test_allow_unguarded_operates_a_drive_that_has_nothing_and_says_so() -> None:
     with running(configuration(axis(1, more="allow_unguarded = true"))) as daemon:
         _drive(daemon, "unguarded")
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         (status,) = snapshot(daemon)["axes"]
         assert status["guarding"] == "nothing"
 
@@ -209,7 +207,7 @@ def test_drive_that_cannot_be_guarded_is_rejected_with_what_is_missing(name: str
 def test_a_drive_that_answers_node_guarding_with_the_same_toggle_bit_is_lost() -> None:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "node-guarding")
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         stuck = bytes([0x85])
         drive.do(lambda node: setattr(node, "receive_remote", lambda can_id, now: node.transmit(can_id, stuck)))
         until(daemon, lambda: daemon.axes[0].drive.status.value == "lost", "lost")
@@ -220,7 +218,7 @@ def test_an_object_that_is_taken_in_a_tpdo_and_never_sent_is_noticed_and_read_by
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "frozen")
         client = daemon.axes[0].drive
-        until(daemon, lambda: client.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": QUARTER})
@@ -240,7 +238,7 @@ def test_an_object_whose_tpdo_comes_late_or_not_always_is_not_taken_for_one_that
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "synchronous")
         client = daemon.axes[0].drive
-        until(daemon, lambda: client.generation, "online")
+        online(daemon)
         name, values = fault
         drive.do(lambda node: node.misbehave(name, **values))
         plc = Plc(daemon, [1])
@@ -258,13 +256,12 @@ def test_positioning_in_a_constant_rhythm_does_not_stop_a_healthy_drive() -> Non
     """Objects are read each second: with tasks of this period, as the axis starts and no frame shows it yet."""
     with running(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as daemon:
         client = daemon.axes[0].drive
-        until(daemon, lambda: client.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [111])
 
         def send(cycles: int, **words: int) -> None:
             plc.endpoint.set(0, words)
-            for _ in range(cycles):
-                plc.exchange()
+            plc.exchange(cycles)
 
         send(85, POS_STW1=0x8100, OVERRIDE=0x4000, MDI_VELOCITY=30_000, MDI_ACC=0x4000, MDI_DEC=0x4000)
         plc.enable()
@@ -278,7 +275,7 @@ def test_no_speed_is_sent_before_the_drive_shows_its_mode_and_one_that_never_doe
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "mode-late")
         client = daemon.axes[0].drive
-        until(daemon, lambda: client.generation, "online")
+        online(daemon)
         drive.do(lambda node: node.misbehave("mode-display-stuck"))
         plc = Plc(daemon, [1])
         plc.enable()
@@ -296,7 +293,7 @@ def test_a_drive_that_powers_up_in_fault_and_needs_two_edges_is_acknowledged_by_
     monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: family)
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "two-edges")
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": 0x047E})
         plc.until(lambda: plc.state() == 0x08, "the fault")
@@ -310,7 +307,7 @@ def test_a_drive_that_powers_up_in_fault_and_needs_two_edges_is_acknowledged_by_
 def test_a_drive_that_stays_in_quick_stop_is_led_out_of_it_and_can_be_started_again() -> None:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "stays-stopped")
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         for _ in range(2):
             plc.enable()

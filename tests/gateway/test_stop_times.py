@@ -81,9 +81,8 @@ def _turning(daemon: Daemon) -> tuple[Plc, SimulatedDrive]:
     drive = drive_of(daemon)
     drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
     plc = Plc(daemon, [1])
-    plc.endpoint.set(0, {"NSOLL_A": FULL_SPEED})
     plc.enable()
-    plc.until(lambda: plc.value("NIST_A") == FULL_SPEED, "3000 rpm")
+    plc.turn(FULL_SPEED)
     return plc, drive
 
 

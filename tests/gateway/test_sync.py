@@ -20,19 +20,26 @@ from pdgw.gateway.sync import Spread
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from pdgw.tools.output.status_text import status_lines
-from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+from tests.support.gateways.daemon import (
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    exchanging,
+    online,
+    operating,
+    running,
+    until,
+    world_of,
+)
 
 MORE = 'simulate = true\nfollowing_window = 4096\ndsc = "speed"'
 CYCLE_MS = 4
 
 
-def _online(daemon: Daemon) -> None:
-    until(daemon, lambda: all(client.generation for client in daemon.clients), "online")
-
-
 def test_set_points_and_actual_values_are_synchronous_and_the_drive_knows_the_period() -> None:
     with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
-        _online(daemon)
+        online(daemon)
         node = drive_of(daemon).node
         assert [node.read(index, 2) for index in (0x1400, 0x1401, 0x1800, 0x1801, 0x1802)] == [1] * 5
         assert node.read(0x1006) == CYCLE_MS * 1000
@@ -41,7 +48,7 @@ def test_set_points_and_actual_values_are_synchronous_and_the_drive_knows_the_pe
 
 def test_speed_telegrams_stay_event_driven_and_no_sync_is_sent() -> None:
     with running(configuration(axis(1, telegram_number=102, more=MORE))) as daemon:
-        _online(daemon)
+        online(daemon)
         node = drive_of(daemon).node
         assert [node.read(index, 2) for index in (0x1400, 0x1800)] == [255, 255]
         assert [bus["sync"] for bus in snapshot(daemon)["buses"]] == [None]
@@ -50,9 +57,7 @@ def test_speed_telegrams_stay_event_driven_and_no_sync_is_sent() -> None:
 @pytest.mark.parametrize("number", [3, 4, 102, 103])
 def test_speed_telegrams_with_an_encoder_are_synchronous_where_it_is_configured(number: int) -> None:
     more = "simulate = true\nsync = true" + ("\ng2 = 'drive'" if number in {4, 103} else "")
-    with running(configuration(axis(1, telegram_number=number, more=more))) as daemon:
-        plc = Plc(daemon, [number])
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=number, more=more))) as (daemon, plc):
         node = drive_of(daemon).node
         rpdos = range(0x1400, 0x1402 if number > 100 else 0x1401)
         assert {node.read(index, 2) for index in (*rpdos, 0x1800, 0x1801)} == {1}
@@ -60,14 +65,12 @@ def test_speed_telegrams_with_an_encoder_are_synchronous_where_it_is_configured(
         assert node.read(0x6061) == 3
         frames: list[int] = []
         daemon.networks["can"].listeners.append(lambda message: frames.append(message.arbitration_id))
-        for _ in range(5):
-            plc.exchange()
+        plc.exchange(5)
         sent = [frame for frame in frames if frame in {0x201, 0x301, SYNC}]
         assert sent == ([0x301, 0x201, SYNC] if number > 100 else [0x201, SYNC]) * 5, "also what did not change"
         plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
         plc.until(lambda: plc.value("NIST_B") == 1 << 28, "it turns")
-        for _ in range(1100):
-            plc.exchange()
+        plc.exchange(1100)
         (item,) = snapshot(daemon)["buses"][0]["sync"]["axes"]
         assert item["dead_time_p99_ms"] == 1.5 * CYCLE_MS
         assert (item["dead_time_calculated_ms"], item["highest_gain"]) == (None, None), "no gain of the gateway's"
@@ -76,27 +79,22 @@ def test_speed_telegrams_with_an_encoder_are_synchronous_where_it_is_configured(
 
 def test_sync_makes_the_values_of_other_telegrams_synchronous_and_not_their_set_points() -> None:
     with running(configuration(axis(1, telegram_number=1, more="simulate = true\nsync = true"))) as daemon:
-        _online(daemon)
+        online(daemon)
         node = drive_of(daemon).node
         assert [node.read(index, 2) for index in (0x1400, 0x1800)] == [255, 1]
 
 
 def test_a_set_point_takes_effect_with_the_sync_behind_it_and_comes_in_every_cycle() -> None:
-    with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
-        plc = Plc(daemon, [105])
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=105, more=MORE))) as (daemon, plc):
         frames: list[int] = []
         daemon.networks["can"].listeners.append(lambda message: frames.append(message.arbitration_id))
-        for _ in range(5):
-            plc.exchange()
+        plc.exchange(5)
         sent = [frame for frame in frames if frame in {0x201, 0x301, SYNC}]
         assert sent == [0x301, 0x201, SYNC] * 5
 
 
 def test_without_sync_the_drive_stops_by_itself() -> None:
-    with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
-        plc = Plc(daemon, [105])
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=105, more=MORE))) as (daemon, plc):
         plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
         plc.until(lambda: plc.value("NIST_B") > 1 << 27, "it turns")
         model = drive_of(daemon).model
@@ -137,8 +135,7 @@ def test_a_drive_whose_family_is_known_to_stop_without_sync_needs_nothing_else(m
         (status,) = snapshot(daemon)["axes"]
         period = f"3 periods of {CYCLE_MS * 1000} us, 1006h"
         assert status["guarding"] == f"the loss of SYNC ({period}), then its own reaction"
-        for _ in range(250):
-            plc.exchange()
+        plc.exchange(250)
         assert drive.model.ramp.speed > 100, "SYNC for a second, and not stopped"
         world_of(daemon).gateway_port("world").connect(False)
         plc.loop.run_for(1500 * MS)
@@ -196,9 +193,7 @@ def test_sync_is_withheld_from_a_deaf_drive_that_nothing_else_stops(monkeypatch:
 
 
 def test_jitter_and_dead_time_are_measured_and_shown() -> None:
-    with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
-        plc = Plc(daemon, [105])
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=105, more=MORE))) as (daemon, plc):
         daemon.sync_producers = daemon._sync_producers()
         for late_us in (0, 300, 0, -200) * 20:
             plc.send()
@@ -219,7 +214,7 @@ def test_jitter_and_dead_time_are_measured_and_shown() -> None:
 
 def test_a_telegram_with_dsc_that_is_chosen_later_gets_its_sync() -> None:
     with running(configuration(axis(1, telegram_number=1, more=MORE))) as daemon:
-        _online(daemon)
+        online(daemon)
         assert not daemon.sync_producers
         daemon.change_telegram(daemon.axes[0], 105)
         plc = Plc(daemon, [105])

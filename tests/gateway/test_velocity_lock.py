@@ -16,7 +16,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.support.drives.own_law_drive import Law, OwnLawDrive
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, online, running, world_of
 
 ACKNOWLEDGE = 1 << 7
 _OBJECTS = {(0x6080, 0): 3000, (0x60A9, 0): 0x00B4_4700, (0x608F, 1): 4096, (0x608F, 2): 1}
@@ -28,7 +28,7 @@ LIES = Law(8.0, objects=_OBJECTS)
 def stopped_by_the_check() -> Iterator[tuple[Daemon, OwnLawDrive, Plc]]:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, LIES)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": 0x0100})
@@ -44,7 +44,7 @@ def turning_in_velocity_mode() -> Iterator[tuple[Daemon, OwnLawDrive, Plc]]:
     law = Law(1.0, objects={(0x6080, 0): 3000} | ones, vl=True)
     with running(configuration(axis(1, more=""))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, law)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": 0x0100})
@@ -53,8 +53,7 @@ def turning_in_velocity_mode() -> Iterator[tuple[Daemon, OwnLawDrive, Plc]]:
 
 
 def _for_a_second(plc: Plc) -> None:
-    for _ in range(SECOND // plc.daemon.cycle_ns):
-        plc.exchange()
+    plc.exchange(SECOND // plc.daemon.cycle_ns)
 
 
 def test_contradiction_stops_by_quick_stop_and_is_told() -> None:
@@ -153,7 +152,7 @@ def test_units_that_could_not_be_read_again_are_read_before_the_next_start() -> 
     tenths = Law(0.1, objects={**_OBJECTS, (0x60A9, 0): 0xFFB4_4700})
     with running(configuration(axis(1, more=""))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, tenths)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": 0x0100})
@@ -184,7 +183,7 @@ def test_clients_that_read_all_the_time_do_not_end_the_check(clients: int) -> No
     with running(configuration(axis(1, more=""))) as daemon:
         OwnLawDrive(world_of(daemon), "world", 1, LIES)
         client = daemon.axes[0].drive
-        until(daemon, lambda: client.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
 
@@ -204,7 +203,7 @@ def test_slow_sdo_answers_make_the_check_slower_and_not_blind(delay_ms: int) -> 
     """The drive has no TPDO with 6064h. A step is five times as long as an answer, and four steps count."""
     with running(configuration(axis(1, more=""))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, LIES)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
         drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=delay_ms))
@@ -219,7 +218,7 @@ def test_slow_sdo_answers_make_the_check_slower_and_not_blind(delay_ms: int) -> 
 def test_slow_sdo_answers_are_no_contradiction(delay_ms: int) -> None:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, Law(1.0, objects=_OBJECTS))
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
         drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=delay_ms))

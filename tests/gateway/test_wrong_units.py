@@ -12,7 +12,18 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.signals import signal
 from tests.support.drives.own_law_drive import Law, OwnLawDrive
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.gateways.daemon import (
+    OFF,
+    ON,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    online,
+    operating,
+    running,
+    world_of,
+)
 
 RATED = 3000
 PERCENT = 4
@@ -166,11 +177,10 @@ def run(liar: Liar) -> Run:
     """4 % of the speed from the PLC for four seconds; what the shaft did and what the gateway said."""
     with running(configuration(axis(1, more=liar.keys))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, liar.law)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})
-        for _ in range(200):
-            plc.exchange()
+        plc.exchange(200)
         plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": _NSOLL.raw(PERCENT)})
         result = _watch(daemon, plc, drive, 4 * SECOND)
         if result.outcome == "turned" and liar.later is not None:
@@ -217,29 +227,25 @@ def test_units_that_change_while_the_drive_stands_in_operation_are_noticed_befor
     law = LIARS["60A9h = 0.1 rpm, rewritten to rpm meanwhile"].law
     with running(configuration(axis(1, more=""))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, law)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         plc = Plc(daemon, [1])
         for word in (OFF, ON):
             plc.endpoint.set(0, {"STW1": word})
-            for _ in range(200):
-                plc.exchange()
+            plc.exchange(200)
         assert daemon.axes[0].enable_status.broken is None
         _rewrite(drive)
-        for _ in range(500):
-            plc.exchange()
+        plc.exchange(500)
         assert [fault.number for fault in daemon.axes[0].faults] == [128]
         plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": _NSOLL.raw(PERCENT)})
         drive.node.fastest = 0.0
-        for _ in range(200):
-            plc.exchange()
+        plc.exchange(200)
         assert drive.node.fastest == 0.0
 
 
 def test_range_of_positions_that_changes_in_operation_stops_the_drive() -> None:
     """At the panel of the drive: positions then start again at another value (607Bh)."""
-    with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
-        plc, node = Plc(daemon, [1]), drive_of(daemon).node
-        plc.enable()
+    with operating(configuration(axis(1, more="simulate = true\n"))) as (daemon, plc):
+        node = drive_of(daemon).node
         node.values[0x607B, 2] = node.read(0x607B, 2) // 2
         plc.until(lambda: daemon.axes[0].faults, "a fault")
         fault = daemon.axes[0].faults[0]

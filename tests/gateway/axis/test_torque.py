@@ -15,7 +15,7 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.signals import signal
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, engel
-from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.gateways.daemon import axis, configuration, drive_of, operating
 
 # -- telegrams 102 and 103 ----------------------------------------------------------------------------------------
 
@@ -222,9 +222,7 @@ def test_drive_without_actual_current_operates() -> None:
 
 
 def test_through_the_gateway() -> None:
-    with running(configuration(axis(1, telegram_number=20))) as daemon:
-        plc = Plc(daemon, [20])
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=20))) as (daemon, plc):
         assert drive_of(daemon).node.read(PdoDirection.TPDO.mapping_index + 1, 1) == 0x6078_0010
         drive_of(daemon).do(lambda node: setattr(node.model, "current_actual", 250))
         plc.until(lambda: plc.value("IAIST_GLATT") == 0x1000, "25 %")

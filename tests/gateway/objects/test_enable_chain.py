@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import combinations
 from typing import Any
 
@@ -24,7 +22,18 @@ from tests.support.documents.situations import (
     show_no_supply,
     shown,
 )
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, encoder_of, running, until
+from tests.support.gateways.daemon import (
+    OFF,
+    ON,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    encoder_of,
+    operating,
+    running,
+    until,
+)
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
 _BEHIND = {
@@ -37,15 +46,6 @@ _BEHIND = {
     Enable.ON_EDGE: {Enable.OPERATION, Enable.SETPOINT},
 }
 """Links that cannot be judged while another one is broken: a drive without commands cannot follow."""
-
-
-@contextmanager
-def operating() -> Iterator[tuple[Daemon, Plc]]:
-    """A gateway with one axis in operation."""
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
-        yield daemon, plc
 
 
 def links(daemon: Daemon) -> dict[Enable, ChainLink]:

@@ -21,7 +21,18 @@ from pdgw.tools.output.status_text import Health, cause_sentence, check_line, ob
 from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS
 from tests.support.documents.situation_table import BY_LINK
 from tests.support.documents.situations import BREAKERS, Situation, at_situation, settle
-from tests.support.gateways.daemon import OFF, ON, POSITIONER, Plc, axis, configuration, drive_of, running, until
+from tests.support.gateways.daemon import (
+    OFF,
+    ON,
+    POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    operating,
+    running,
+    until,
+)
 
 # -- few lines, the cause among them, on command and page ---------------------------------------------------------
 
@@ -94,9 +105,7 @@ CAUSES = {
 
 @pytest.mark.parametrize("enable", CAUSES)
 def test_the_cause_of_every_stop_follows_the_operation(enable: Enable) -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         settle(plc)
         BREAKERS[enable](plc, daemon)
         settle(plc)
@@ -156,14 +165,11 @@ def test_the_axis_that_stopped_the_machine_is_shown_among_64_objects() -> None:
 def test_frames_without_setpoints_are_the_cause_of_a_stop(
     attribute: str, value: object, text: str, frames: int
 ) -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         settle(plc)
         before = getattr(plc.endpoint, attribute)
         setattr(plc.endpoint, attribute, value)
-        for _ in range(frames):
-            plc.exchange()
+        plc.exchange(frames)
         setattr(plc.endpoint, attribute, before)
         settle(plc)
         texts = [line["text"] for line in explanation(daemon, daemon.objects)]
@@ -197,9 +203,7 @@ def test_cause_comes_before_what_follows_from_it() -> None:
 def test_command_prints_the_lines_and_writes_the_support_file(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         drive_of(daemon).inject(7)
         settle(plc)
         lines, document = explanation(daemon, daemon.objects), snapshot(daemon)
@@ -267,9 +271,7 @@ def judge(situation: Situation, daemon: Daemon) -> None:
 def test_words_without_effect_are_a_note_of_an_axis_in_operation(
     number: int, more: str, word: int, others: dict[str, int], note: str
 ) -> None:
-    with running(configuration(axis(1, telegram_number=number, more=f"simulate = true\n{more}"))) as daemon:
-        plc = Plc(daemon, [number])
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=number, more=f"simulate = true\n{more}"))) as (daemon, plc):
         plc.endpoint.set(0, {"STW1": word, **others})
         settle(plc)
         document = snapshot(daemon)
@@ -347,9 +349,8 @@ def test_log_of_frames_that_do_not_count_has_the_words_of_the_first_line(caplog:
 
 
 def test_a_second_plc_is_a_warning_beside_the_first_one() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc, second = Plc(daemon, [1]), Plc(daemon, [1], "other")
-        plc.enable()
+    with operating() as (daemon, plc):
+        second = Plc(daemon, [1], "other")
         for _ in range(100):
             plc.exchange()
             second.send()

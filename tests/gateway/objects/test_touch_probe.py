@@ -15,7 +15,7 @@ from pdgw.peers.drive.model.position_modes import ProfilePosition
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
 from tests.support.gateways import site
-from tests.support.gateways.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running
+from tests.support.gateways.daemon import SIMULATED_POSITIONER, axis, configuration, drive_of, operating
 
 # -- G1 of the speed telegrams, passive homing of the positioner --------------------------------------------------
 
@@ -26,9 +26,8 @@ ZSW = signal("G1_ZSW")
 
 @pytest.mark.parametrize("number", [3, 4, 102, 103])
 def test_a_measurement_on_the_fly_has_the_position_at_the_edge(number: int) -> None:
-    with running(configuration(axis(1, telegram_number=number))) as daemon:
-        plc, drive = Plc(daemon, [number]), drive_of(daemon)
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=number))) as (daemon, plc):
+        drive = drive_of(daemon)
         plc.endpoint.set(0, {"NSOLL_B": 1 << 27, "G1_STW": ON_THE_FLY | ACTIVATE | 0b01})
         plc.until(lambda: plc.value("G1_ZSW") & 0b01, "active")
         plc.until(lambda: drive.model.touch_probe_status & 1, "armed")
@@ -45,9 +44,8 @@ def test_a_measurement_on_the_fly_has_the_position_at_the_edge(number: int) -> N
 
 
 def test_the_falling_edge_of_probe_2_is_function_4() -> None:
-    with running(configuration(axis(1, telegram_number=102))) as daemon:
-        plc, drive = Plc(daemon, [102]), drive_of(daemon)
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=102))) as (daemon, plc):
+        drive = drive_of(daemon)
         drive.set_probe(2, True)
         plc.endpoint.set(0, {"NSOLL_B": 1 << 27, "G1_STW": ON_THE_FLY | ACTIVATE | 0b1000})
         plc.until(lambda: drive.model.touch_probe_function == 1 << 8 | 1 << 13, "armed")
@@ -57,9 +55,7 @@ def test_the_falling_edge_of_probe_2_is_function_4() -> None:
 
 
 def test_a_reference_mark_search_finds_the_zero_pulse() -> None:
-    with running(configuration(axis(1, telegram_number=3))) as daemon:
-        plc = Plc(daemon, [3])
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=3))) as (_, plc):
         plc.endpoint.set(0, {"NSOLL_B": -(1 << 27), "G1_STW": ACTIVATE | 0b01})
         plc.until(lambda: plc.value("G1_ZSW") & ZSW.bit("VALUE_1").mask, "mark found")
         plc.endpoint.set(0, {"G1_STW": READ | 0b01})
@@ -68,9 +64,8 @@ def test_a_reference_mark_search_finds_the_zero_pulse() -> None:
 
 
 def test_a_drive_without_a_touch_probe_is_an_error_of_the_sensor() -> None:
-    with running(configuration(axis(1, telegram_number=3))) as daemon:
-        plc, node = Plc(daemon, [3]), drive_of(daemon).node
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=3))) as (daemon, plc):
+        node = drive_of(daemon).node
         for index in range(0x60B8, 0x60BE):
             node.entries.pop((index, 0))
             node.indices.discard(index)
@@ -80,9 +75,8 @@ def test_a_drive_without_a_touch_probe_is_an_error_of_the_sensor() -> None:
 
 
 def test_half_an_sdo_answer_about_the_touch_probe_is_an_error_of_the_sensor_and_no_end_of_the_gateway() -> None:
-    with running(configuration(axis(1, telegram_number=3))) as daemon:
-        plc, node = Plc(daemon, [3]), drive_of(daemon).node
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=3))) as (daemon, plc):
+        node = drive_of(daemon).node
         send = node.send
         node.send = lambda can_id, data: send(can_id, data[:4] if data[:4] == b"\x4b\xb9\x60\0" else data)
         plc.endpoint.set(0, {"G1_STW": ON_THE_FLY | ACTIVATE | 0b01})
@@ -92,9 +86,8 @@ def test_half_an_sdo_answer_about_the_touch_probe_is_an_error_of_the_sensor_and_
 
 
 def test_passive_homing_takes_the_position_at_the_probe_while_a_task_runs() -> None:
-    with running(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as daemon:
-        plc, drive = Plc(daemon, [111]), drive_of(daemon)
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as (daemon, plc):
+        drive = drive_of(daemon)
         homing = {"POS_STW2": signal("POS_STW2").bit("PASSIVE_HOMING").mask, "OVERRIDE": 0x4000}
         plc.endpoint.set(0, homing | {"STW1": 0x0C3F, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000})
         plc.until(lambda: drive.model.touch_probe_function == 0x11, "armed")
@@ -113,9 +106,8 @@ def test_passive_homing_takes_the_position_at_the_probe_while_a_task_runs() -> N
 
 
 def test_passive_homing_without_a_touch_probe_is_a_warning() -> None:
-    with running(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as daemon:
-        plc, node = Plc(daemon, [111]), drive_of(daemon).node
-        plc.enable()
+    with operating(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as (daemon, plc):
+        node = drive_of(daemon).node
         node.entries.pop((0x60B8, 0))
         node.indices.discard(0x60B8)
         plc.endpoint.set(0, {"POS_STW2": signal("POS_STW2").bit("PASSIVE_HOMING").mask, "STW1": 0x0C3F})

@@ -244,8 +244,7 @@ def test_a_written_reference_is_used_by_the_axis() -> None:
         assert not write(client, 0x6080, Values(DataType.UNSIGNED32, (1500,))).failed
         assert number(client, 0x6080) == 1500
         plc.enable()
-        plc.endpoint.set(0, {"NSOLL_A": 0x4000})
-        plc.until(lambda: plc.value("NIST_A") == 0x4000, "100 %")
+        plc.turn(0x4000)
         assert daemon.axes[0].drive.feedback.velocity_actual == 3000, "1500 rpm in units of 0.5 rpm"
         assert value(client, 60000).values == (1500.0,)
 

@@ -27,7 +27,7 @@ from pdgw.gateway.service.operating_system import ServiceManager
 from pdgw.gateway.service.status import StatusServer, answered, axis_status, encoder_status, snapshot
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.output.status_text import status_lines
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, operating, running, until, world_of
 from tests.support.processes import free_tcp_port
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
@@ -76,18 +76,14 @@ def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
 
 
 def test_a_setpoint_that_is_not_enabled_is_the_last_link() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         plc.endpoint.set(0, {"STW1": (OFF | 1) & ~0x10})
         plc.until(lambda: state(daemon) is AxisState.WAITS, "setpoint disabled")
         assert broken(daemon) is Reason.SETPOINT_DISABLED
 
 
 def test_a_fault_has_id_time_and_activity_and_only_the_newest_is_in_the_document() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         drive_of(daemon).inject(7)
         plc.until(lambda: state(daemon) is AxisState.FAULT, "fault")
         assert broken(daemon) is Reason.DRIVE_FAULT
@@ -148,9 +144,7 @@ def test_only_a_heartbeat_names_a_node_that_is_not_in_the_configuration() -> Non
 
 
 def test_a_lost_drive_is_not_shown_as_turning() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.enable()
+    with operating() as (daemon, plc):
         plc.endpoint.set(0, {"NSOLL_A": 0x2000})
         plc.until(lambda: plc.value("NIST_A") > 0x1F00, "turns")
         assert axis_status(daemon.axes[0])["speed_rpm"] > 0
@@ -227,8 +221,7 @@ def test_durations_are_counted_by_class_an_upper_end_belongs_to_its_own() -> Non
 def test_cycle_and_answer_times_of_a_daemon_are_in_the_document() -> None:
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])
-        for _ in range(50):
-            plc.exchange()
+        plc.exchange(50)
         document = snapshot(daemon)
         periods, responses = document["cycle_times"], document["response_times"]
         assert sum(periods["counts"]) == daemon.cycles - 1

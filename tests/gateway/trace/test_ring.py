@@ -44,8 +44,7 @@ def ring(plc: Plc) -> FlightRecorder:
 
 def turn(plc: Plc) -> None:
     plc.enable()
-    plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-    plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+    plc.turn(0x2000)
 
 
 def test_a_ring_has_frames_words_values_and_reasons(tmp_path: Path) -> None:
@@ -78,8 +77,7 @@ def test_a_ring_has_frames_words_values_and_reasons(tmp_path: Path) -> None:
 
 def test_cycles_are_selected_by_their_number(tmp_path: Path) -> None:
     with recorded(configuration(axis(1)), tmp_path) as plc:
-        for _ in range(50):
-            plc.exchange()
+        plc.exchange(50)
         reader = RingReader(ring(plc).path)
         newest = reader.newest_cycle
         numbers = [cycle.number for cycle in reader.cycles()]
@@ -95,8 +93,7 @@ def test_the_oldest_segments_are_deleted_and_each_can_be_read_alone(tmp_path: Pa
     text = "[trace]\nenabled = false\nseconds = 1\n"
     with recorded(configuration(axis(1) + text), tmp_path) as plc:
         turn(plc)
-        for _ in range(500):
-            plc.exchange()
+        plc.exchange(500)
         reader = RingReader(ring(plc).path)
         cycles = reader.cycles()
         assert 1.0 < (cycles[-1].time_ns - cycles[0].time_ns) / 1e9 < 1.3
@@ -141,8 +138,7 @@ def test_full_memory_loses_cycles_and_nothing_else(tmp_path: Path, monkeypatch: 
             return write(descriptor, data[: len(data) // 2])
 
         monkeypatch.setattr(os, "write", full)
-        for _ in range(20):
-            plc.exchange()
+        plc.exchange(20)
         monkeypatch.undo()
         assert plc.value("NIST_A") == 0x2000
         assert ring(plc).lost == count >= 20
@@ -157,8 +153,7 @@ def test_a_truncated_segment_leaves_the_axis_in_operation(tmp_path: Path) -> Non
         turn(plc)
         (segment,) = RingReader(ring(plc).path).segments()
         os.truncate(segment, 0)
-        for _ in range(500):
-            plc.exchange()
+        plc.exchange(500)
         assert plc.value("NIST_A") == 0x2000
 
 
@@ -174,8 +169,7 @@ def test_files_are_for_owner_and_group_and_another_gateway_takes_another_folder(
 def test_what_an_earlier_run_left_is_kept_once(tmp_path: Path) -> None:
     for cycles in (10, 20, 30):
         with recorded(configuration(axis(1)), tmp_path) as plc:
-            for _ in range(cycles):
-                plc.exchange()
+            plc.exchange(cycles)
             reader = RingReader(ring(plc).path)
             assert not reader.ended
             before = reader.newest_cycle

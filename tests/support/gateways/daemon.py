@@ -73,6 +73,11 @@ def until(daemon: Daemon, condition: Callable[[], object], what: str, patience: 
     world_of(daemon).loop.until(condition, what, patience)
 
 
+def online(daemon: Daemon, patience: int = PATIENCE) -> None:
+    """Run the world until every node was brought up once."""
+    until(daemon, lambda: all(client.generation for client in daemon.clients), "online", patience)
+
+
 class Plc:
     """Sends a frame and lets a cycle pass, whenever the test says so; ``silent`` it only lets time pass."""
 
@@ -93,10 +98,11 @@ class Plc:
     def send(self) -> None:
         self.port.send(self.change(self.endpoint.build(self.loop.now())), self.daemon.address)
 
-    def exchange(self) -> None:
-        if not self.silent:
-            self.send()
-        self.loop.run_for(self.daemon.cycle_ns)
+    def exchange(self, cycles: int = 1) -> None:
+        for _ in range(cycles):
+            if not self.silent:
+                self.send()
+            self.loop.run_for(self.daemon.cycle_ns)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         deadline = self.loop.now() + PATIENCE
@@ -119,6 +125,11 @@ class Plc:
         self.endpoint.set(index, {"STW1": ON})
         self.until(lambda: self.state(index) == 0x07, "operation")
 
+    def turn(self, speed: int) -> None:
+        """The first axis, in operation, shows this speed as NIST_A."""
+        self.endpoint.set(0, {"NSOLL_A": speed})
+        self.until(lambda: self.value("NIST_A") == speed, "the speed")
+
 
 @contextmanager
 def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None, seed: int = 0) -> Iterator[Daemon]:
@@ -129,6 +140,17 @@ def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = Non
         yield gateway.daemon
     assert gateway.world.loop.task_errors == 0
     gateway.world.loop.close()
+
+
+@contextmanager
+def operating(
+    config: GatewayConfig | None = None, before: Callable[[Daemon], None] | None = None
+) -> Iterator[tuple[Daemon, Plc]]:
+    """A gateway, by default with one simulated axis, and its PLC; the first axis is in operation."""
+    with running(config or configuration(axis(1)), before) as daemon:
+        plc = Plc(daemon, [item.telegram.number for item in daemon.objects])
+        plc.enable()
+        yield daemon, plc
 
 
 def client(daemon: Daemon, address: tuple[str, int], do_id: int, **options: object) -> ParameterClient:
@@ -152,7 +174,7 @@ def serving(
     with running(config) as daemon:
         if connect is not None:
             connect(daemon)
-        until(daemon, lambda: all(node.generation for node in daemon.clients), "nodes online")
+        online(daemon)
         first = daemon.objects[0].do_id if do_id is None else do_id
         with client(daemon, record_server(daemon).address, first) as made:
             yield daemon, made
