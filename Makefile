@@ -57,11 +57,14 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Every telegram with every drive shape and every fault, in some minutes; `make test` has a part of them. And the code for a PLC before the
+# Every telegram with every drive shape and every fault, every duration of every outage, every cause of a stop over both links, in some
+# minutes; `make test` has a part of them. And the code for a PLC before the
 # compilers in the path: matiec (iec2c, with its folder lib in MATIEC_LIBRARY), STruC++ (strucpp).
 REPORTS := build/conformance
 conformance: $(STAMP)
-	PDGW_CONFORMANCE=1 $(BIN)/pytest $(TOGETHER) tests/conformance tests/tools/test_plc_compilers.py --junitxml $(REPORTS).xml \
+	PDGW_CONFORMANCE=1 $(BIN)/pytest $(TOGETHER) tests/conformance \
+		tests/gateway/test_data_sheets.py tests/gateway/test_outage.py tests/gateway/objects/test_happenings.py \
+		tests/tools/test_plc_compilers.py --junitxml $(REPORTS).xml \
 		--html $(REPORTS).html --self-contained-html
 
 bench: $(STAMP)

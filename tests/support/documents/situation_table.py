@@ -16,32 +16,33 @@ _PLACE = ("operation.md", "situations")
 ON_BOTH_LINKS = SITUATIONS | DEVICE_SITUATIONS
 BY_LINK = {"udp": ON_BOTH_LINKS | PLC_SITUATIONS, "profinet": ON_BOTH_LINKS | CONTROLLER_SITUATIONS}
 """All situations of each link, by what a technician finds."""
-
-
-def situation_table() -> str:
-    """The first line and the remedy that each situation gives, as a table."""
-    return "\n".join(["| situation | first line | remedy |", "| --- | --- | --- |", *_rows()]) + "\n"
+WRITTEN = {"udp": BY_LINK["udp"], "profinet": CONTROLLER_SITUATIONS}
+"""The situations in the table: those of both links once."""
+_HEAD = ("| situation | first line | remedy |", "| --- | --- | --- |")
 
 
 def _rows() -> Iterator[str]:
-    for link, situations in (("udp", BY_LINK["udp"]), ("profinet", CONTROLLER_SITUATIONS)):
+    for link, situations in WRITTEN.items():
         for title, situation in situations.items():
             with at_situation(situation, link) as (daemon, _):
-                yield _row(title, daemon)
+                yield situation_row(title, daemon)
 
 
-def _row(title: str, daemon: Daemon) -> str:
+def situation_row(title: str, daemon: Daemon) -> str:
+    """The first line and the remedy of a gateway in this situation, as a row of the table."""
     document = snapshot(daemon)
     item = (*document["causes"], *document["axes"], *document["encoders"])[0]
     line = re.sub(r"\d\d:\d\d:\d\d", "14:02:11", f"{item['state']}: {item['reason']}")
     return f"| {title} | {line} | {item['remedy']} |"
 
 
-def written_table() -> str:
-    """The table in the document."""
-    return read_part(*_PLACE)
+def written_rows() -> dict[str, str]:
+    """The rows in the document by situation."""
+    head, rule, *rows = read_part(*_PLACE).splitlines()
+    assert (head, rule) == _HEAD
+    return {row.split(" | ")[0].removeprefix("| "): row for row in rows}
 
 
 def write() -> None:
     """Put the table into the document."""
-    write_part(*_PLACE, situation_table())
+    write_part(*_PLACE, "\n".join([*_HEAD, *_rows()]) + "\n")
