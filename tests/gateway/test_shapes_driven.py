@@ -16,7 +16,7 @@ from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
@@ -44,10 +44,6 @@ from tests.support.gateways.daemon import (
 QUARTER = 0x1000
 TASK = 1 << 6
 """STW1: a rising edge starts a traversing task."""
-REFUSED = {
-    "unguarded": "1016h",
-}
-"""Variants that do not come online, and their reasons."""
 HAS = "modes of the drive (6502h):"
 PROFILE_POSITION = "1 (profile position) for a traversing task: use a drive with that mode, or a telegram without"
 PATIENCE = 300_000 * MS
@@ -74,18 +70,12 @@ def test_a_quarter_of_the_rated_speed_is_750_rpm_and_the_status_tells_why() -> N
 @pytest.mark.parametrize(
     ("name", "number", "said"),
     [
-        *((name, 1, said) for name, said in REFUSED.items()),
-        *(
-            ("csp", number, f"{HAS} [6, 8] is not allowed, expected {PROFILE_POSITION}")
-            for number in TASK_TELEGRAM_NUMBERS
-        ),
-        *((name, 9, PROFILE_POSITION) for name in ("vl", "csv")),
+        *(("csp", number, f"{HAS} [6, 8] is not allowed, expected {PROFILE_POSITION}") for number in (9, 111)),
+        ("vl", 9, PROFILE_POSITION),
     ],
 )
-def test_a_shape_the_gateway_cannot_map_or_guard_is_refused_with_what_is_missing(
-    name: str, number: int, said: str
-) -> None:
-    more = POSITIONER if number in POSITIONER_TELEGRAM_NUMBERS else ""
+def test_a_shape_without_profile_position_is_refused_with_its_modes(name: str, number: int, said: str) -> None:
+    more = POSITIONER if number == 111 else ""
     with running(configuration(axis(1, telegram_number=number, more=more))) as daemon:
         drive = _drive(daemon, name)
         until(daemon, lambda: daemon.axes[0].drive.status.value == "refused", "refused")
@@ -99,37 +89,36 @@ def test_the_scan_refuses_a_drive_without_profile_position_with_the_same_reason(
 
 
 TEN_TURNS = 40_960
-KEYS = {"no-range": 'rated_acceleration_rpm_s = 10000\nacceleration_unit = "rpm/s"\n'}
-"""Keys for values that a variant lacks."""
+KEYS = 'rated_acceleration_rpm_s = 10000\nacceleration_unit = "rpm/s"\n'
+"""Keys for values that the variant lacks."""
 
 
-def _asks_for_ten_turns(plc: Plc, reference: int) -> None:
-    task = {"SATZANW": 0x8000, "MDI_TARPOS": (TEN_TURNS << 30) // reference, "MDI_VELOCITY": 1 << 29, "MDI_MOD": 1}
+def _asks_for_ten_turns(plc: Plc) -> None:
+    task = {"SATZANW": 0x8000, "MDI_TARPOS": TEN_TURNS, "MDI_VELOCITY": 1 << 29, "MDI_MOD": 1}
     plc.endpoint.set(0, {**task, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "STW1": 0x043F})
     plc.exchange(5)
     plc.endpoint.set(0, {"STW1": 0x047F})
 
 
-@pytest.mark.parametrize("name", ["no-range", "fixed-pdo"])
-def test_a_task_of_telegram_9_ends_at_its_target(name: str) -> None:
-    with running(configuration(axis(1, telegram_number=9, more=KEYS.get(name, "")))) as daemon:
-        drive = _drive(daemon, name)
+def test_a_task_of_telegram_9_ends_at_its_target() -> None:
+    with running(configuration(axis(1, telegram_number=9, more=KEYS))) as daemon:
+        drive = _drive(daemon, "no-range")
         until(daemon, lambda: daemon.axes[0].drive.generation, "online", PATIENCE)
         plc = Plc(daemon, [9])
         plc.enable()
-        _asks_for_ten_turns(plc, 1 << 30 if name == "no-range" else 500_000)
+        _asks_for_ten_turns(plc)
         plc.until(lambda: abs(drive.model.position_actual - TEN_TURNS) <= 1, "ten revolutions")
 
 
 def test_a_mode_that_can_only_be_written_is_confirmed_by_6061h() -> None:
-    with running(configuration(axis(1, telegram_number=9, more=KEYS["no-range"]))) as daemon:
+    with running(configuration(axis(1, telegram_number=9, more=KEYS))) as daemon:
         drive = _drive(daemon, "no-range")
         entries = drive.node.entries
         drive.node.entries = {**entries, MODE: replace(entries[MODE], access=Access.WO)}
         until(daemon, lambda: daemon.axes[0].drive.generation, "online", PATIENCE)
         plc = Plc(daemon, [9])
         plc.enable()
-        _asks_for_ten_turns(plc, 1 << 30)
+        _asks_for_ten_turns(plc)
         plc.until(lambda: abs(drive.model.position_actual - TEN_TURNS) <= 1, "ten revolutions")
 
 

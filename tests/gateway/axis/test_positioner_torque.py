@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.configuration.file import parse_config, simulated
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockTask
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.peers.plc.engine import Engine
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.signals import float_of, float_pattern, signal
 from pdgw.profidrive.telegrams import telegram
 from tests.gateway.axis.test_positioner_handshake import (
@@ -175,7 +171,7 @@ def test_answer_from_before_a_restart_does_not_count_after_it() -> None:
     assert hand.stepper.sdo_request is None
 
 
-# -- telegram 112, without arithmetic of length units in the PLC --------------------------------------------------
+# -- telegram 112, without arithmetic of length units in the PLC ----------------------------------------------
 
 
 TASK, START = 0x047F, 0x043F
@@ -271,26 +267,3 @@ def test_the_configuration_needs_the_unit() -> None:
     with pytest.raises(GatewayError, match="velocity_per"):
         parse_config(text + "lu_per_unit = 1000\n")
     assert parse_config(text + 'lu_per_unit = 1000\nvelocity_per = "second"\n').axis[0].telegram == 112
-
-
-# -- the scenario -------------------------------------------------------------------------------------------------
-
-
-SCENARIO = Path(__file__).parents[3] / "tools" / "scenarios" / "positioner.yaml"
-CYCLE = 4_000_000
-
-
-def test_the_scenario_of_the_positioner_passes_on_a_simulated_axis() -> None:
-    endpoint = PlcEndpoint([telegram(111)], CYCLE)
-    engine = Engine(load_scenario(SCENARIO), endpoint)
-    rig = Rig(111, positioner=simulated([111]).axis[0].settings_at(4).positioner)
-    for _ in range(30_000):
-        endpoint.actuals[0] = rig.actuals or None
-        engine.step(rig.now)
-        if engine.finished:
-            break
-        rig.values = dict(endpoint.setpoints[0])
-        rig.step()
-    assert engine.finished
-    assert engine.passed, [result for result in engine.results if not result.passed]
-    assert len(engine.results) >= 25
