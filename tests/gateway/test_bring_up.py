@@ -19,7 +19,7 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
 from pdgw.peers.world import Member, World
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, online, running, until, world_of
 
 # -- each comes online at its first attempt -----------------------------------------------------------------------
 
@@ -44,7 +44,7 @@ def _plant(buses: int, nodes: int, bitrate: int) -> GatewayConfig:
 
 
 @pytest.mark.parametrize(
-    ("buses", "nodes", "bitrate", "limit_s"), [(1, 40, 1_000_000, 6), (8, 4, 1_000_000, 5), (1, 16, 125_000, 20)]
+    ("buses", "nodes", "bitrate", "limit_s"), [(1, 24, 1_000_000, 4), (8, 4, 1_000_000, 5), (1, 16, 125_000, 20)]
 )
 def test_every_node_is_online_at_its_first_attempt(buses: int, nodes: int, bitrate: int, limit_s: int) -> None:
     timed_out: list[int] = []
@@ -295,13 +295,13 @@ def _failure(daemon: Daemon, index: int, subindex: int = 0, data: bytes = b"") -
 )
 def test_abort_names_node_object_and_text(index: int, subindex: int, data: bytes, text: str) -> None:
     with running(configuration(axis(1))) as daemon:
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         assert _failure(daemon, index, subindex, data) == text
 
 
 def test_missing_answer_names_node_and_object() -> None:
     with running(configuration(axis(1))) as daemon:
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        online(daemon)
         drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=5000))
         assert _failure(daemon, 0x6080) == "node 1 object 6080h/0: No SDO response received"
 

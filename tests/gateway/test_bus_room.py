@@ -24,7 +24,7 @@ from pdgw.peers.world import Member, World
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.tools.commands.commissioning.config import app
 from tests.support.axis.limit_cycle import Site
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, serving, until, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, online, running, serving, until, world_of
 from tests.support.wire.can_bits import bits_on_the_wire
 
 # -- an outage, and the SDOs of the parameter channel -------------------------------------------------------------
@@ -87,8 +87,8 @@ def test_sdos_leave_room_for_the_pdos_of_the_telegram_that_p922_selects() -> Non
 # -- many axes on an interface with a short queue -----------------------------------------------------------------
 
 
-AXES = 20
-CYCLE_MS = 20
+AXES = 12
+CYCLE_MS = 12
 FRAME = frame_bits(8) * SECOND // 1_000_000
 STOP = Command.QUICK_STOP.word.to_bytes(2, "little")
 OFF3 = ON & ~0x0004
@@ -111,7 +111,7 @@ class Wire:
 
 def _in_operation(daemon: Daemon) -> Plc:
     plc = Plc(daemon, [1] * AXES)
-    until(daemon, lambda: all(client.generation for client in daemon.clients), "online")
+    online(daemon)
     for word, state in ((OFF, 0x01), (ON, 0x07)):
         for index in range(AXES):
             plc.endpoint.set(index, {"STW1": word})
@@ -124,8 +124,8 @@ def _move_all(plc: Plc, cycle: int, axes: range) -> None:
         plc.endpoint.set(index, {"STW1": ON, "NSOLL_A": 64 * (cycle + 1)})
 
 
-@pytest.mark.parametrize("places", [1, 2, 10, 16])
-def test_setpoints_of_twenty_axes_are_sent_in_every_cycle(places: int) -> None:
+@pytest.mark.parametrize("places", [1, 2, 16])
+def test_setpoints_of_twelve_axes_are_sent_in_every_cycle(places: int) -> None:
     config = configuration("".join(map(axis, range(1, AXES + 1))), transport=f"cycle_time_ms = {CYCLE_MS}\n")
 
     def before(daemon: Daemon) -> None:
@@ -225,7 +225,7 @@ class Responses:
 
 @pytest.mark.parametrize(
     ("axes", "number", "cycle_ms", "places"),
-    [(8, 1, 4, 10), (20, 1, 20, 1), (20, 1, 20, 16), (6, 9, 8, 2), (12, 3, 10, 2)],
+    [(8, 1, 4, 10), (12, 1, 12, 1), (6, 9, 8, 2), (12, 3, 10, 2)],
 )
 def test_no_frame_of_the_simulated_bus_is_later_than_planned(
     axes: int, number: int, cycle_ms: int, places: int
@@ -239,7 +239,7 @@ def test_no_frame_of_the_simulated_bus_is_later_than_planned(
 
     with running(config, before) as daemon:
         plc = Plc(daemon, [number] * axes)
-        until(daemon, lambda: all(client.generation for client in daemon.clients), "online")
+        online(daemon)
         signal = "MDI_VELOCITY" if number == 9 else "NSOLL_A" if number == 1 else "NSOLL_B"
         seen = Responses(daemon)
         for count in range(60):

@@ -40,6 +40,7 @@ from tests.support.gateways.daemon import (
     configuration,
     drive_of,
     exchanging,
+    online,
     operating,
     running,
     until,
@@ -422,7 +423,7 @@ def test_the_nodes_of_a_full_bus_are_pre_operational_behind_the_end_of_the_gatew
     config = configuration("".join(axis(number) for number in nodes))
     with running(config) as daemon:
         world = world_of(daemon)
-        until(daemon, lambda: all(client.generation for client in daemon.clients), "online")
+        online(daemon)
         drives = [drive_of(daemon, number) for number in nodes]
         assert {drive.node.state for drive in drives} == {NmtState.OPERATIONAL}
         # Frames that the bus still transmits when the gateway closes it.

@@ -133,10 +133,15 @@ def test_torque_reduction_is_of_the_limit_that_the_drive_had_before_it() -> None
 
 
 @pytest.mark.parametrize(
-    ("command", "state"),
-    [(NmtCommand.ENTER_PRE_OPERATIONAL, "Pre-operational"), (NmtCommand.STOP, "Stopped")],
+    ("command", "state", "after_ms"),
+    [
+        (NmtCommand.ENTER_PRE_OPERATIONAL, "Pre-operational", 0),
+        (NmtCommand.STOP, "Stopped", 150),
+        (NmtCommand.ENTER_PRE_OPERATIONAL, "Pre-operational", 300),
+        (NmtCommand.STOP, "Stopped", 450),
+        (NmtCommand.STOP, "Stopped", 600),
+    ],
 )
-@pytest.mark.parametrize("after_ms", [0, 150, 300, 450, 600])
 def test_a_drive_that_another_tool_takes_out_of_operation_is_lost_with_its_next_heartbeat(
     command: NmtCommand, state: str, after_ms: int
 ) -> None:

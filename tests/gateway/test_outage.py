@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import cycle, product
 
 import pytest
 
@@ -11,6 +12,7 @@ from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.peers.world import World
+from tests.conformance.rig import COMPLETE
 from tests.support.gateways.daemon import (
     OFF,
     ON,
@@ -44,20 +46,31 @@ def _short(world: World, away: bool) -> None:
     world.bus(CHANNEL).short(away)
 
 
-@pytest.mark.parametrize("outage", [_cut, _unplug, _short], ids=["wire cut", "adapter unplugged", "short circuit"])
-@pytest.mark.parametrize("milliseconds", OUTAGES_MS)
+OUTAGES: dict[str, Callable[[World, bool], None]] = {
+    "wire cut": _cut,
+    "adapter unplugged": _unplug,
+    "short circuit": _short,
+}
+
+
+@pytest.mark.parametrize(
+    ("milliseconds", "outage"),
+    list(product(OUTAGES_MS, OUTAGES)) if COMPLETE else list(zip(OUTAGES_MS, cycle(OUTAGES), strict=False)),
+    ids=str,
+)
 def test_a_turning_drive_is_stopped_within_two_refreshes_of_the_first_frame_that_passes(
-    milliseconds: int, outage: Callable[[World, bool], None]
+    milliseconds: int, outage: str
 ) -> None:
+    """Each duration with one kind of outage in turn; ``make conformance`` has all combinations."""
     with operating() as (daemon, plc):
         plc.turn(FULL_SPEED)
         model, world = drive_of(daemon).model, world_of(daemon)
         world.bus(CHANNEL).members[0].restart_ns = 0
         with exchanging(plc):
-            outage(world, True)
+            OUTAGES[outage](world, True)
             world.loop.run_for(milliseconds * MS)
             lost = not daemon.axes[0].good or model.state is not State.OPERATION_ENABLED
-            outage(world, False)
+            OUTAGES[outage](world, False)
             passed = daemon.networks["can"].received
             until(daemon, lambda: daemon.networks["can"].received > passed, "the first frame", 15 * SECOND)
             world.loop.run_for(2 * REFRESH)
@@ -97,7 +110,7 @@ def test_the_stop_is_on_its_way_while_the_bus_is_away() -> None:
 
 
 @pytest.mark.parametrize(("droppable", "at_most_ms"), [(True, 0), (False, 10)])
-@pytest.mark.parametrize("outage_ms", [300, 1000, 5000])
+@pytest.mark.parametrize("outage_ms", [300, 5000])
 def test_an_enable_that_waited_in_the_controller_turns_no_drive(
     outage_ms: int, droppable: bool, at_most_ms: int
 ) -> None:
@@ -133,7 +146,7 @@ def test_an_enable_that_waited_in_the_controller_turns_no_drive(
         assert drive.model.state is not State.OPERATION_ENABLED
 
 
-@pytest.mark.parametrize("outage_ms", [300, 1000, 5000])
+@pytest.mark.parametrize("outage_ms", [300, 5000])
 def test_an_enable_that_waited_starts_a_drive_in_ready_to_switch_on_for_10_ms_at_most(outage_ms: int) -> None:
     """Its Statusword is late: the Enable Operation is the answer to a Switched On that the drive has left by an OFF."""
     with running(configuration(axis(1))) as daemon:

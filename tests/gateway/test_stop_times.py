@@ -27,8 +27,9 @@ from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_o
 # -- time from a stop in the PLC, and from its death, to the Controlword; the table of docs/safety.md -------------
 
 
-@pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
-@pytest.mark.parametrize("cycle_ms", [4, 16])
+@pytest.mark.parametrize(
+    ("link", "cycle_ms"), list(zip(LINKS, (4, 16, 4, 16), strict=True)), ids=lambda item: getattr(item, "name", None)
+)
 def test_stops_reach_a_full_bus_within_their_bounds(link: Link, cycle_ms: int) -> None:
     row = measure(link, cycle_ms, 2)
     assert row.stop_ns <= row.stop_bound_ns
@@ -65,7 +66,7 @@ SELECTED = {1: (4,), 9: (2,), TRANSPARENT: (4,), 105: (4,), 111: (16,)}
     ],
 )
 def test_standing_off_never_enables_a_drive_with_late_statusword(number: int, cycle_ms: int) -> None:
-    assert search(number, cycle_ms, range(101) if EVERY else (5, 20, 60)) == []
+    assert search(number, cycle_ms, range(101) if EVERY else (5, 60)) == []
 
 
 # -- a drive with power is brought up: it takes no RPDO, its stop goes by SDO -------------------------------------
@@ -120,7 +121,7 @@ class _LostSdo(Misbehaviour):
         return not self.answers or can_id != SDO_RESPONSE + self.node.node_id or self._passes()
 
 
-@pytest.mark.parametrize("lost", [{0}, {1}, {2}, {0, 1}, {1, 2}, {2, 3}, {0, 2, 4}], ids=str)
+@pytest.mark.parametrize("lost", [{0}, {1}, {2, 3}, {0, 2, 4}], ids=str)
 @pytest.mark.parametrize("answers", [True, False], ids=["answers", "requests"])
 def test_a_lost_sdo_frame_delays_the_stop_by_a_tenth_of_the_time_for_an_answer(lost: set[int], answers: bool) -> None:
     with running(configuration(axis(1))) as daemon:
@@ -170,7 +171,7 @@ def test_a_lost_drive_that_turns_on_in_pre_operational_is_stopped_before_it_is_c
             assert written[0] == (0x6040, Command.QUICK_STOP.word)
             until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop", 2 * MS)
             until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
-            world_of(daemon).loop.run_for(10 * SECOND)
+            world_of(daemon).loop.run_for(4 * SECOND)
             assert [index for index, _ in written].count(0x6040) == 1, "a drive that is off is told nothing"
             drive.do(lambda node: node.behave())
             until(daemon, lambda: daemon.axes[0].good, "online again")

@@ -216,7 +216,7 @@ class GatewayMachine(RuleBasedStateMachine):
 
 
 TestGateway = GatewayMachine.TestCase
-TestGateway.settings = settings(max_examples=150, stateful_step_count=25)
+TestGateway.settings = settings(max_examples=50, stateful_step_count=25)
 
 
 def test_every_drive_telegram_has_the_layout_its_machine_needs() -> None:
@@ -361,4 +361,4 @@ class TaskMachine(RuleBasedStateMachine):
 
 
 TestTasks = TaskMachine.TestCase
-TestTasks.settings = settings(max_examples=80, stateful_step_count=20)
+TestTasks.settings = settings(max_examples=30, stateful_step_count=20)

@@ -144,7 +144,7 @@ def life(number: int, more: str) -> list[tuple[object, ...]]:
         drive, plc, draw = drive_of(daemon), Plc(world_of(daemon), daemon), random.Random(5)
         seen: list[tuple[object, ...]] = []
         plc.exchange(4, STW1=0x047E)
-        for _ in range(60):
+        for _ in range(30):
             orders = {name: draw.choice(words) for name, words in WORDS.items()}
             plc.exchange(draw.choice((0.01, 0.1, 0.4)), NSOLL_B=draw.randrange(-(1 << 30), 1 << 30), **orders)
             actuals = plc.actuals[0] or {}
