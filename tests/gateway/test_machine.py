@@ -214,7 +214,7 @@ def test_a_missing_file_means_the_configuration_holds(tmp_path: Path) -> None:
     assert store.parameters == DeviceParameters()
 
 
-@pytest.mark.parametrize("kills", [int(os.environ.get("PDGW_STORE_KILLS", "8"))])
+@pytest.mark.parametrize("kills", [int(os.environ.get("PDGW_STORE_KILLS", "4"))])
 @pytest.mark.e2e
 def test_kill_9_at_any_moment_leaves_the_old_or_the_new_set(tmp_path: Path, kills: int) -> None:
     path = tmp_path / "parameters.json"
