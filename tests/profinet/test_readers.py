@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+from functools import cache
 from pathlib import Path
 from uuid import UUID
 
@@ -71,7 +72,7 @@ READS = [
 Session = tuple[Wire, list[tuple[tuple[int, int, int, int], RecordResult]]]
 
 
-@pytest.fixture(scope="module")
+@cache
 def session() -> Session:
     """A whole session: a wrong module, alarms, records, release."""
     modules = dict(model().modules)
@@ -105,8 +106,8 @@ def session() -> Session:
     return wire, results
 
 
-def test_every_record_of_the_table_can_be_read(session: Session) -> None:
-    _, results = session
+def test_every_record_of_the_table_can_be_read() -> None:
+    _, results = session()
     assert [key for key, _ in results] == READS
     refused = [(f"{key[3]:04X}h", result.status.text) for key, result in results if result.status.value]
     assert refused == []
@@ -114,8 +115,8 @@ def test_every_record_of_the_table_can_be_read(session: Session) -> None:
 
 @tshark.needs_tshark
 @pytest.mark.tshark
-def test_tshark_reads_every_frame_of_a_session(session: Session, tmp_path: Path) -> None:
-    wire, _ = session
+def test_tshark_reads_every_frame_of_a_session(tmp_path: Path) -> None:
+    wire, _ = session()
     names = [
         "pn_rt.frame_id",
         "pn_io.block_type",
@@ -214,8 +215,8 @@ def test_every_record_index_has_the_same_name_in_tshark(tmp_path: Path) -> None:
     assert dict(zip([item.name for item in Index], names, strict=True)) == RECORD_NAMES
 
 
-def test_scapy_rebuilds_every_rpc_and_cyclic_frame_byte_for_byte(session: Session) -> None:
-    wire, _ = session
+def test_scapy_rebuilds_every_rpc_and_cyclic_frame_byte_for_byte() -> None:
+    wire, _ = session()
     calls = cyclic = 0
     for frame in wire.frames:
         packet = Ether(frame)
