@@ -120,7 +120,7 @@ def test_dsc_start_with_a_far_target_stays_at_standstill(form: DscForm) -> None:
 def test_a_gain_that_would_oscillate_is_limited_with_a_warning() -> None:
     rig = axis(DscForm.SPEED)
     errors = control(rig, 1000, 400, kpc=400_000)
-    assert [event.number for event in rig.stepper.events] == [FaultNumber.DSC_GAIN]
+    assert rig.stepper.numbers == [FaultNumber.DSC_GAIN]
     assert rig.actuals["ZSW1"] & 0x0080
     assert max(map(abs, errors[-50:])) <= 20
 
@@ -333,7 +333,7 @@ def test_limited_gain_of_an_axis_at_a_limit_switch_is_one_warning() -> None:
     rig.step(100)
     limit_switch(rig, reached=True)
     rig.step(200)
-    assert [record.number for record in rig.stepper.events].count(FaultNumber.DSC_GAIN) == 1
+    assert rig.stepper.numbers.count(FaultNumber.DSC_GAIN) == 1
     assert rig.stepper.machine.outputs.warning & warning_bits(FaultNumber.DSC_GAIN)
     rig.values["STW1"] = OFF
     rig.step(200)
@@ -372,7 +372,7 @@ def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
     drive = engel(REFERENCES)
     rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, velocity_per_rpm=None)))
     rig.step(2)
-    assert [event.number for event in rig.stepper.events] == [FaultNumber.REFERENCE]
+    assert rig.stepper.numbers == [FaultNumber.REFERENCE]
 
 
 @pytest.mark.parametrize("form", FORMS)

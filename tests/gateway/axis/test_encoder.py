@@ -187,7 +187,7 @@ def test_confirmed_preset_without_effect_is_a_sensor_error_and_a_warning(age_ms:
     assert (actuals["G1_ZSW"], actuals["G1_XIST1"], actuals["G1_XIST2"]) == (0x8000, 1000, SensorError.MEMORY)
     assert bench.stepper.reason is Reason.SENSOR_ERROR
     bench.step(PRESET, cycles=5)
-    assert [event.number for event in bench.stepper.events] == [118]
+    assert bench.stepper.numbers == [118]
     assert f"did not become 5000 within {1000 + age_ms} ms" in bench.stepper.events[0].text
 
 
@@ -302,7 +302,7 @@ def test_a_range_of_0_refuses_operation(total_range: int) -> None:
     bench = Bench(83, EncoderReferences(total_range, Fraction(1)))
     assert bench.step(ABSOLUTE)["ZSW2_ENC"] == 0x0208
     assert bench.stepper.reason is Reason.REFERENCE_INVALID
-    assert [event.number for event in bench.stepper.events] == [104]
+    assert bench.stepper.numbers == [104]
 
 
 def test_a_speed_reference_of_0_refuses_operation_only_where_there_is_a_speed() -> None:
@@ -319,7 +319,7 @@ def test_sign_of_life_in_both_directions_and_its_loss() -> None:
     assert bench.stepper.events == []
     actuals = bench.step(stw2=CONTROL | 5 << 12, cycles=3)
     assert (actuals["ZSW2_ENC"] >> 12, actuals["G1_ZSW"], actuals["G1_XIST2"]) == (0, 0x8000, 0x0F02)
-    assert [event.number for event in bench.stepper.events] == [124]
+    assert bench.stepper.numbers == [124]
 
 
 # -- speed ------------------------------------------------------------------------------------------------------------

@@ -88,7 +88,7 @@ def test_a_rejected_task_that_the_drive_continues_is_stopped_for_good(name: str)
     assert not any(word & NEW_SETPOINT for word in words)
     hand = drive.hand
     assert hand.stepper.reason is Reason.MOVES_UNASKED
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.MOVES_UNASKED]
+    assert hand.stepper.numbers == [FaultNumber.MOVES_UNASKED]
     assert hand.actuals["ZSW1"] & (WARNING | REACHED) == WARNING | REACHED, "it is at standstill"
 
 

@@ -181,7 +181,7 @@ def test_a_connection_that_changed_while_the_references_were_invalid_needs_its_o
     raw_step(number, stepper, feedback, OFF, 1)
     stepper.set_references(replace(References(), max_motor_speed=0))
     assert raw_step(number, stepper, feedback, ON, 2) == 0
-    assert [event.number for event in stepper.events] == [104]
+    assert stepper.numbers == [104]
     assert stepper.reason is Reason.REFERENCE_INVALID
     raw_step(number, stepper, feedback, None, 3)
     raw_step(number, stepper, feedback, ON if returns_with_control else 0x007F, 4)

@@ -352,7 +352,7 @@ def test_homing_without_homing_attained_is_reported_and_aborted() -> None:
     rig.values["STW1"] |= 0x0800
     rig.until(lambda _: rig.stepper.reason is Reason.HOMING_ERROR)
     rig.step(2)
-    assert [event.number for event in rig.stepper.events] == [109]
+    assert rig.stepper.numbers == [109]
     assert "standstill without Statusword.12" in rig.stepper.events[0].text
     assert rig.actuals["ZSW1"] & 0x0880 == 0x0080, "warning, no home position"
     assert rig.stepper.reason is Reason.HOMING_ERROR

@@ -153,7 +153,7 @@ def test_drive_with_another_modulo_range_is_rejected() -> None:
     rig = Rig(111, ROTARY_AXIS, positioner=replace(TABLE, modulo=9000))
     rig.stepper.set_drive(drive_type(wraps=True), homing_method=35)
     rig.step(2)
-    assert [event.number for event in rig.stepper.events] == [FaultNumber.REFERENCE]
+    assert rig.stepper.numbers == [FaultNumber.REFERENCE]
     assert "modulo_range" in rig.stepper.events[0].text
     assert "607Bh 0 to 4096" in rig.stepper.events[0].text
 

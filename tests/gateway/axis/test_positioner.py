@@ -316,7 +316,7 @@ def test_an_unknown_block_moves_nothing_and_warns_until_the_reject() -> None:
     rig.step(20)
     assert rig.stepper.reason is Reason.TASK_BLOCK_UNKNOWN
     assert rig.actuals["ZSW1"] & 0x0080
-    assert [event.number for event in rig.stepper.events] == [FaultNumber.POSITIONER]
+    assert rig.stepper.numbers == [FaultNumber.POSITIONER]
     assert not rig.actuals["ZSW1"] & 0x1000
     rig.values["STW1"] = 0x042F
     rig.step(2)

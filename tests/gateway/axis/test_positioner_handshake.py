@@ -160,7 +160,7 @@ def test_a_setpoint_that_the_drive_drops_is_reported_and_the_next_task_replaces_
     words = [hand(ON | ACTIVATE, POS_STW1=MDI_RELATIVE, MDI_TARPOS=10_000)]
     words += unanswered(hand)
     assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.NOT_ACKNOWLEDGED]
+    assert hand.stepper.numbers == [FaultNumber.NOT_ACKNOWLEDGED]
     words += [hand(ON) for _ in range(1000)]
     assert edges(words) == 1, "one edge for one relative task, however long it takes"
     assert len(hand.stepper.events) == 1, "reported once"

@@ -215,7 +215,7 @@ def test_unsupported_homing_method_warns_and_starts_nothing(method: int | None) 
         assert not hand(ON | HOMING) & NEW_SETPOINT
         assert hand.stepper.sdo_request is None
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_METHOD]
+    assert hand.stepper.numbers == [FaultNumber.HOMING_METHOD]
     assert hand.stepper.reason is Reason.HOMING_METHOD, "not the home switch"
     assert hand.actuals["ZSW1"] & (WARNING | 0x7) == WARNING | 0x7, "beside operation"
     assert hand.stepper.machine.outputs.warning, "P953"
@@ -229,7 +229,7 @@ def test_rejected_homing_parameters_end_the_homing_with_a_warning() -> None:
     for _ in range(10):
         assert not hand(ON | HOMING) & NEW_SETPOINT
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_PARAMETERS]
+    assert hand.stepper.numbers == [FaultNumber.HOMING_PARAMETERS]
     assert hand.stepper.reason is Reason.HOMING_REFUSED
     assert hand.actuals["ZSW1"] & WARNING
 
@@ -242,7 +242,7 @@ def test_homing_error_ends_the_homing_and_returns_to_mode_1() -> None:
     words = [hand(ON | HOMING, OPERATING | StatusBit.MODE_13) for _ in range(DUE + 25)]
     assert not words[-1] & OF_THE_MODE
     assert hand.stepper.command.modes_of_operation == Mode.POSITION
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING]
+    assert hand.stepper.numbers == [FaultNumber.HOMING]
     assert not hand.actuals["ZSW1"] & HOME_SET
 
 

@@ -129,7 +129,7 @@ def test_rejected_torque_limit_is_reported_once_and_not_retried_each_cycle() -> 
         assert hand.stepper.sdo_request is None
         assert hand.stepper.reason is Reason.TORQUE_LIMIT
         assert hand.actuals["ZSW1"] & WARNING
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.POSITIONER]
+    assert hand.stepper.numbers == [FaultNumber.POSITIONER]
 
 
 def test_a_drive_without_a_torque_limit_is_given_none_when_it_restarts() -> None:

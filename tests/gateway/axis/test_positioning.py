@@ -349,7 +349,7 @@ def test_an_unsupported_homing_method_starts_nothing_and_warns(method: int) -> N
     rig.step(20)
     assert rig.actuals["ZSW1"] & WARNING
     assert rig.stepper.reason is Reason.HOMING_METHOD
-    assert [event.number for event in rig.stepper.events] == [108]
+    assert rig.stepper.numbers == [108]
     assert rig.feedback.modes_of_operation_display == Mode.POSITION
     rig.values["STW1"] = ON
     rig.step(2)
@@ -360,7 +360,7 @@ def test_a_homing_error_warns_and_leaves_the_home_position_unset() -> None:
     rig = axis(Machine(negative_limit=None, positive_limit=None, negative_stop=-9_000, positive_stop=9_000))
     home(rig, 17)
     rig.until(lambda actuals: bool(actuals["ZSW1"] & WARNING))
-    assert [event.number for event in rig.stepper.events] == [109]
+    assert rig.stepper.numbers == [109]
     assert not rig.actuals["ZSW1"] & HOME_SET
 
 
@@ -369,7 +369,7 @@ def test_rejected_homing_parameters_prevent_homing() -> None:
     rig.sdo_error = "time-out"
     home(rig, 17)
     rig.step(10)
-    assert [event.number for event in rig.stepper.events] == [111]
+    assert rig.stepper.numbers == [111]
     assert rig.feedback.modes_of_operation_display == Mode.POSITION
 
 

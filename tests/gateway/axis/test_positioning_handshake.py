@@ -149,7 +149,7 @@ def test_a_task_that_the_drive_drops_is_reported_and_the_next_one_replaces_it() 
     assert hand.stepper.reason is None
     words += [hand(ON)]
     assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.NOT_ACKNOWLEDGED]
+    assert hand.stepper.numbers == [FaultNumber.NOT_ACKNOWLEDGED]
     words += [hand(ON) for _ in range(1000)]
     assert all(word & NEW_SETPOINT for word in words), "one edge for one relative task"
     assert len(hand.stepper.events) == 1, "reported once"
@@ -342,7 +342,7 @@ def test_edge_with_an_unknown_method_does_not_restart_a_withdrawn_homing(method:
     for _ in range(5):
         hand(ON | HOMING)
         assert hand.stepper.sdo_request is None
-    assert [event.number for event in hand.stepper.events] == [108]
+    assert hand.stepper.numbers == [108]
 
 
 def test_homing_withdrawn_before_its_method_is_written_sends_nothing_more() -> None:

@@ -106,7 +106,7 @@ def test_axis_that_stands_on_its_way_names_the_missing_bit(name: str, bits: int,
         hand(ON | ACTIVATE, OPERATING | bits)
     assert hand.stepper.reason is reason
     assert hand.actuals["ZSW1"] & (WARNING | REACHED) == WARNING
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.STALLED]
+    assert hand.stepper.numbers == [FaultNumber.STALLED]
     hand.feedback.velocity_actual = FAST
     hand(ON | ACTIVATE)
     assert hand.stepper.reason is None
@@ -257,7 +257,7 @@ def test_drive_that_ignores_halt_gets_quick_stop(name: str) -> None:
     assert words[1] & HALT
     assert 700 <= first <= 720, "2 x (0.4 s + 2 x 0.5 s) in cycles of 4 ms"
     assert all(not word & 0b100 for word in words[first:]), "and until it is off"
-    assert FaultNumber.STOP_IGNORED in [event.number for event in hand.stepper.events]
+    assert FaultNumber.STOP_IGNORED in hand.stepper.numbers
 
 
 @pytest.mark.parametrize("name", MAKES)

@@ -85,7 +85,7 @@ def test_removed_control_in_operation_is_an_off1_with_a_warning() -> None:
     assert bench.stepper.command.target_velocity == 0
     assert zsw1 & OPERATION_ENABLED == 0
     assert zsw1 & StatusBit.WARNING
-    assert [event.number for event in bench.stepper.events] == [FaultNumber.CONTROL_LOST]
+    assert bench.stepper.numbers == [FaultNumber.CONTROL_LOST]
     assert bench.stepper.reason is Reason.NO_CONTROL
     bench.step(ON & ~CONTROL, 0x2000, cycles=60)
     assert bench.drive.feedback.velocity_actual == 0

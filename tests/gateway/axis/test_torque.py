@@ -91,7 +91,7 @@ def test_a_drive_without_a_torque_limit_does_not_operate() -> None:
     rig = Rig(102)
     rig.stepper.set_references(replace(References(), max_torque=0))
     rig.step(2)
-    assert [event.number for event in rig.stepper.events] == [FaultNumber.REFERENCE]
+    assert rig.stepper.numbers == [FaultNumber.REFERENCE]
     assert "6072h" in rig.stepper.events[0].text
     assert rig.actuals["ZSW1"] & 0x0008
 

@@ -40,10 +40,16 @@ def step_interlock(
 
 
 class _Device:
-    """What answers the SDO writes a machine asks for."""
+    """What answers the SDO writes a machine asks for. ``events``: faults of all steps until now."""
 
     machine: AxisMachine | EncoderMachine
+    events: list[FaultRecord]
     _answered: object = None
+
+    @property
+    def numbers(self) -> list[int]:
+        """The numbers of these faults."""
+        return [event.number for event in self.events]
 
     def sdo_done(self, error: str | None) -> None:
         """The writes asked for are taken, or not."""

@@ -97,7 +97,7 @@ def test_drive_that_falls_back_instead_of_entering_operation_needs_an_off(state:
     for shown in (state, State.SWITCHED_ON, State.SWITCHED_ON):
         assert axis.step(ON, shown) in {0, QUICK_STOP}
     assert axis.stepper.reason is Reason.NEEDS_OFF
-    assert FaultNumber.ENABLE_UNASKED not in [event.number for event in axis.stepper.events]
+    assert FaultNumber.ENABLE_UNASKED not in axis.stepper.numbers
     axis.step(OFF, State.SWITCH_ON_DISABLED)
     axis.step(ON, State.SWITCHED_ON)
     assert axis.step(ON, State.SWITCHED_ON) == ENABLE
@@ -112,7 +112,7 @@ def test_axis_replaces_an_uncommanded_enable_by_quick_stop_and_faults(monkeypatc
     planted = cell(Phase.FOLLOW, Drive.SWITCHED_ON, W.ENABLE)
     monkeypatch.setattr("pdgw.gateway.axis.interlock.CELLS", (*CELLS[:place], planted, *CELLS[place + 1 :]))
     assert axis.step(ON, State.SWITCHED_ON) == QUICK_STOP
-    assert [event.number for event in axis.stepper.events] == [FaultNumber.ENABLE_UNASKED]
+    assert axis.stepper.numbers == [FaultNumber.ENABLE_UNASKED]
     assert axis.stepper.reason is Reason.NEEDS_OFF
     assert axis.stepper.power.phase is Phase.UNCONFIRMED
     assert axis.stepper.command.target_velocity == 0

@@ -38,7 +38,7 @@ def deaf(bench: Bench, word: int | None, cycles: int) -> Brake:
 
 
 def numbers(bench: Bench) -> list[int]:
-    return [event.number for event in bench.stepper.events]
+    return bench.stepper.numbers
 
 
 @pytest.mark.parametrize("word", [OFF, COAST, QUICK_STOP, ON & ~0x400, None])
@@ -242,7 +242,7 @@ def test_drive_that_follows_is_never_reported(number: int) -> None:
             rig.values["STW1"] = 0x0438 | stop
         rig.step(600)
         assert rig.stepper.machine.outputs.brake is Brake.NONE
-    assert FaultNumber.STOP_IGNORED not in [event.number for event in rig.stepper.events]
+    assert FaultNumber.STOP_IGNORED not in rig.stepper.numbers
 
 
 def test_drive_that_keeps_quick_stop_active_after_off2_gets_nmt_stop() -> None:
