@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, Receiver, open_bus, open_port
+from pdgw.ds301.communication import NMT
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
 from tests.support import buses
@@ -163,6 +164,35 @@ def test_an_interface_that_is_lost_is_opened_again_when_it_is_back(caplog: pytes
     assert network.healthy
     network.close()
     assert ports.opened[1].closed
+
+
+class WaitingSender:
+    """A sender with one frame for each of its turns."""
+
+    def __init__(self, network: CanNetwork, data: bytes) -> None:
+        self.network, self.data = network, data
+
+    def send_waiting(self) -> bool:
+        return self.network.put(0x301, self.data)
+
+
+def test_nothing_that_waited_for_a_lost_interface_is_sent_when_it_is_back() -> None:
+    loop, ports = VirtualLoop(), Ports()
+    network = CanNetwork(loop, ports)
+    network.start()
+    for number in range(2):
+        port = ports.opened[number]
+        port.refuse = PortBusyError()
+        data = bytes((number,))
+        network.send(0x201, data)
+        network.send(NMT, data)
+        network.wait(WaitingSender(network, data), stop=False)
+        if number == 0:
+            network.on_lost("unplugged")
+            loop.run_for(SECOND)
+    port.refuse = None
+    network.on_room()
+    assert {frame for port in ports.opened for frame in port.sent} == {(0x201, b"\1"), (NMT, b"\1"), (0x301, b"\1")}
 
 
 def test_interface_that_is_down_is_reported_once(
