@@ -6,14 +6,7 @@ from pathlib import Path
 
 from tests.long.documents import package_picture
 from tests.long.documents.commands import COMMANDS_PATH, generate_commands
-from tests.long.documents.simulator_steps import generate_steps
-from tests.long.documents.tables import (
-    MISBEHAVIOUR_PLACE,
-    PATH,
-    STEPS_PLACE,
-    generate,
-    generate_misbehaviour,
-)
+from tests.long.documents.tables import PATH, generate
 from tests.support.documents.parts import read_part
 from tests.support.documents.plc_blocks import BLOCKS_PATH, generate_blocks
 
@@ -23,8 +16,6 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def test_docs_tables_are_up_to_date() -> None:
     assert (DOCS / PATH.name).read_text(encoding="utf-8") == generate(), "run: make docs"
-    assert read_part(*MISBEHAVIOUR_PLACE) == generate_misbehaviour(), "run: make docs"
-    assert read_part(*STEPS_PLACE) == generate_steps(), "run: make docs"
     assert read_part(*package_picture.PLACE) == package_picture.generate(), "run: make docs"
 
 

@@ -1,4 +1,4 @@
-"""Generate the actions of ``pdgw sim plc`` in ``docs/simulation.md``, from their declarations."""
+"""The actions of ``pdgw sim plc`` in ``docs/tables.md``, from their declarations."""
 
 from __future__ import annotations
 
@@ -59,5 +59,5 @@ def _as_yaml(step: Mapping[str, Any]) -> str:
 
 
 def generate_steps() -> str:
-    """Generate the table."""
+    """The table of the actions."""
     return table(("action", "example", "telegrams", "what the PLC does"), _actions())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 import enum
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
@@ -52,8 +52,6 @@ from tests.support.documents.word_positions import word_positions
 _ROOT = Path(__file__).parents[3]
 _DOCS = _ROOT / "docs"
 PATH = _DOCS / "tables.md"
-MISBEHAVIOUR_PLACE = ("simulation.md", "faults")
-STEPS_PLACE = ("simulation.md", "actions")
 
 
 def _half(half: TelegramHalf) -> str:
@@ -370,6 +368,10 @@ def generate() -> str:
         ),
         "## Simulated drives\n",
         table(("name", "drive"), ((f"`{name}`", shape.text) for name, shape in SHAPES.items())),
+        "## Faults of simulated devices\n",
+        *_misbehaviours(),
+        "## Actions of the PLC simulator\n",
+        generate_steps(),
         "## Packages\n",
         table(("package", "contents"), _packages()),
         "## Why it does not move\n",
@@ -464,18 +466,14 @@ def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
     return f"{situation}: {case.reaction.value}" + (f" (fault {told})" if told else "")
 
 
-def generate_misbehaviour() -> str:
-    """Generate the tables of the faults of simulated devices."""
-    out = [_faults("Any CANopen node", NODE_MISBEHAVIOURS.values(), list(_DEVICES))]
+def _misbehaviours() -> Iterator[str]:
+    yield _faults("Any CANopen node", NODE_MISBEHAVIOURS.values(), list(_DEVICES))
     for name, kind in DEVICE_TYPES.items():
         own = [fault for fault in kind.node.catalogue.values() if fault.name not in NODE_MISBEHAVIOURS]
         if own:
-            out.append(_faults(f"Device type `{name}`", own, [name]))
-    return "\n".join(out)
+            yield _faults(f"Device type `{name}`", own, [name])
 
 
 if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
-    write_part(*MISBEHAVIOUR_PLACE, generate_misbehaviour())
-    write_part(*STEPS_PLACE, generate_steps())
     write_part(*package_picture.PLACE, package_picture.generate())
