@@ -19,12 +19,13 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.tools.bus_task import complete, opened
 from pdgw.tools.commissioning.axis_test import AxisTest, Choices
-from pdgw.tools.service.run_log import CanRecorder
 from tests.can.interfaces import Wire
 from tests.can.plant import INHIBITED, Plant, axis_table, can_table
 from tests.can.unhurried import UnhurriedPlatform
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
+from tests.support.gateways.recorded_daemon import record, recording
+from tests.support.readers.captures import can_frames
 
 
 def test_scan_over_a_short_queue_queries_every_node_id_and_finds_the_drive(line: Wire) -> None:
@@ -65,9 +66,8 @@ ENABLE = re.compile(r"201#\w*0F00")
 def test_candump_sees_what_the_gateway_records_and_tshark_reads_both(line: Wire, tmp_path: Path) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     plant.drive(line.far)
-    seen, recorded = tmp_path / "candump.log", tmp_path / "can.log"
-    recorder = CanRecorder(recorded)
-    plant.daemon.networks[line.near].listeners.append(lambda message: recorder.record(line.near, message))
+    seen = tmp_path / "candump.log"
+    record(plant.daemon, tmp_path)
     with seen.open("w") as output, subprocess.Popen(["candump", "-L", line.near], stdout=output) as candump:
         try:
             wait_for(lambda: line.near in _LISTENERS.read_text(), "candump listens")
@@ -80,21 +80,20 @@ def test_candump_sees_what_the_gateway_records_and_tshark_reads_both(line: Wire,
             plant.play(sequence)
         finally:
             candump.terminate()
-    recorder.stop()
-    frames = [{text.split()[2] for text in path.read_text().splitlines()} for path in (seen, recorded)]
-    common = frames[0] & frames[1]
+    recorded = Path(recording(tmp_path))
+    frames = [text.split()[2] for text in seen.read_text().splitlines()]
+    own = [f"{cob_id:03X}#{data.hex().upper()}" for cob_id, data in can_frames(recorded)]
+    common = set(frames) & set(own)
     assert "000#0101" in common, "NMT start"
     assert any(ENABLE.fullmatch(frame) for frame in common), "Enable Operation"
     decoded = pdgw("decode", str(seen), "--stats")
     assert decoded.returncode == 0, decoded.stderr
     if shutil.which("tshark") is None:
         pytest.skip("tshark is not installed")
-    for path in (seen, recorded):
-        fields = ["tshark", "-r", str(path), "-T", "fields", "-e", "can.id", "-e", "data.data"]
-        shown = subprocess.run(
-            fields, capture_output=True, text=True, check=True, timeout=PATIENCE_S
-        ).stdout.splitlines()
-        assert len(shown) == len(path.read_text().splitlines())
+    for path, found in ((seen, frames), (recorded, own)):
+        fields = ["tshark", "-r", str(path), "-Y", "can", "-T", "fields", "-e", "can.id"]
+        shown = subprocess.run(fields, capture_output=True, text=True, check=True, timeout=PATIENCE_S)
+        assert len(shown.stdout.splitlines()) == len(found)
 
 
 def test_cansend_can_take_a_node_out_of_operation_and_the_axis_stops(line: Wire) -> None:
