@@ -32,8 +32,9 @@ _CHOICES = PositionerChoices(
 )
 """The executor limits."""
 _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOMING
-_SELECTED = Command.DO_NOT_REJECT | Command.MDI
-_HOMES = Command.DO_NOT_REJECT | HOME
+_DO_NOT_REJECT, _NO_INTERMEDIATE_STOP, _MDI_SELECTED = Command.DO_NOT_REJECT, Command.NO_INTERMEDIATE_STOP, Command.MDI
+_SELECTED = _DO_NOT_REJECT | _MDI_SELECTED
+_HOMES = _DO_NOT_REJECT | HOME
 
 
 class MdiDrive(Protocol):
@@ -84,7 +85,7 @@ class MdiPositioner(Positioner):
             self._find_edges()
         if self._state is _BRAKING and request.operating:
             self._take_while_braking(request)
-        accepts = request.commands & Command.DO_NOT_REJECT != 0
+        accepts = request.commands & _DO_NOT_REJECT != 0
         calm = request.operating and accepts and not self._edges
         self._take_transition(calm)
         if self._state is not _HOMING:
@@ -104,23 +105,23 @@ class MdiPositioner(Positioner):
         idle = before is _IDLE or (before is _HOMING and self.seen.homing is not HomingResult.RUNNING)
         warning = self.result.warning
         if state is _IDLE and idle and (warning is None or warning in HELD):
-            if warning is not None and not request.commands & Command.DO_NOT_REJECT:
+            if warning is not None and not request.commands & _DO_NOT_REJECT:
                 return Reason.REJECTED
-            if not request.commands & Command.MDI:
+            if not request.commands & _MDI_SELECTED:
                 return Reason.MDI_OFF
-            if warning is Reason.LOST_EDGE and not request.commands & Command.NO_INTERMEDIATE_STOP:
+            if warning is Reason.LOST_EDGE and not request.commands & _NO_INTERMEDIATE_STOP:
                 return Reason.INTERMEDIATE_STOP
         return self._course.held
 
     def _events(self) -> dict[Event, Callable[[], int]]:
         return {
             **super()._events(),
-            Event.DESELECTED: lambda: not self.request.commands & Command.MDI,
+            Event.DESELECTED: lambda: not self.request.commands & _MDI_SELECTED,
             Event.HOMING: self._take_homing,
             Event.HOMING_LOST: lambda: self._edges & HOME and self.request.commands & _SELECTED != _SELECTED,
             Event.HOMING_OVER: lambda: not self.request.commands & HOME and not self._homes(),
             Event.MDI: self._take_edge,
-            Event.REACHED: lambda: self.request.commands & Command.NO_INTERMEDIATE_STOP and self._course.arrived(),
+            Event.REACHED: lambda: self.request.commands & _NO_INTERMEDIATE_STOP and self._course.arrived(),
             Event.STANDING: lambda: self.seen.stopped,
             Event.STANDING_HOMING: lambda: self.seen.stopped and self.homing is not None,
             Event.STANDING_TASK: lambda: self.seen.stopped and self._waiting is not None,
@@ -135,7 +136,7 @@ class MdiPositioner(Positioner):
     def _take_homing(self) -> bool:
         """The edge of a homing that the drive has."""
         request, edge = self.request, self._edges & HOME != 0
-        accepts = request.commands & Command.DO_NOT_REJECT != 0
+        accepts = request.commands & _DO_NOT_REJECT != 0
         if edge and not accepts:
             self._warn(Reason.LOST_HOMING)
         if not self._drive.require_homing(edge=edge and accepts):
@@ -165,7 +166,7 @@ class MdiPositioner(Positioner):
             return
         refusal: Reason | None = None
         selected = request.commands & _SELECTED == _SELECTED
-        if not (selected and (request.commands & Command.NO_INTERMEDIATE_STOP or self._state is _MDI)):
+        if not (selected and (request.commands & _NO_INTERMEDIATE_STOP or self._state is _MDI)):
             refusal = Reason.LOST_EDGE
         elif not (goal := self._drive.converted(request)).velocity:
             refusal = Reason.TASK_SPEED_ZERO
@@ -207,7 +208,7 @@ class MdiPositioner(Positioner):
         if homes:
             self._take_while_braking(request)
         stopped = Reason.HOMING_STOPPED if homes else Reason.MDI_OFF
-        self._braking_reason = stopped if request.commands & Command.DO_NOT_REJECT else Reason.REJECTED
+        self._braking_reason = stopped if request.commands & _DO_NOT_REJECT else Reason.REJECTED
 
     def _brake_to_home(self) -> None:
         self._braking_reason = None

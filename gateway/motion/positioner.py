@@ -35,6 +35,9 @@ SHOWN_NS: Final = 100 * MS
 """Minimum time of POS_ZSW1.11 = 1 for homing and a set reference point, because masters poll it."""
 ACTIVATE, HOME = Command.ACTIVATE_TASK, Command.START_HOMING
 _DO_NOT_REJECT, _MDI_SELECTED, _ABSOLUTE = Command.DO_NOT_REJECT, Command.MDI, Command.ABSOLUTE
+_NO_INTERMEDIATE_STOP, _SETTING_UP_SELECTED = Command.NO_INTERMEDIATE_STOP, Command.SETTING_UP
+_JOG_2, _JOG_INCREMENTAL, _TRACKS = Command.JOG_2_ON, Command.JOG_INCREMENTAL, Command.TRACKING
+_SOFTWARE_LIMITS, _HARDWARE_LIMITS = Command.SOFTWARE_LIMITS, Command.HARDWARE_LIMITS
 _PASSIVE_HOMING: Final = Command.PASSIVE_HOMING
 RISING: Final = ACTIVATE | HOME | Command.EXTERNAL_BLOCK_CHANGE | Command.SET_REFERENCE_POINT
 """Commands whose rising edges count."""
@@ -152,15 +155,15 @@ class Positioner:
             Event.REACHED: self._finished,
             Event.BLOCK_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is not None,
             Event.CHAIN_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is None,
-            Event.JOG: lambda: not self.request.commands & Command.JOG_INCREMENTAL and self._jog_asked(),
-            Event.JOG_INCREMENTAL: lambda: self.request.commands & Command.JOG_INCREMENTAL and self._jog_asked(),
+            Event.JOG: lambda: not self.request.commands & _JOG_INCREMENTAL and self._jog_asked(),
+            Event.JOG_INCREMENTAL: lambda: self.request.commands & _JOG_INCREMENTAL and self._jog_asked(),
             Event.JOG_RELEASED: lambda: self._jog_bit() != self._jog,
             Event.HOMING: lambda: self._homing_waits,
             Event.HOMING_WITHDRAWN: lambda: not self.request.commands & HOME,
             Event.HOMING_ATTAINED: lambda: self._homing_is(HomingResult.ATTAINED),
             Event.HOMING_FAILED: lambda: self._homing_is(HomingResult.FAILED),
-            Event.TRACKING: lambda: self.request.commands & Command.TRACKING,
-            Event.TRACKING_OFF: lambda: not self.request.commands & Command.TRACKING,
+            Event.TRACKING: lambda: self.request.commands & _TRACKS,
+            Event.TRACKING_OFF: lambda: not self.request.commands & _TRACKS,
             Event.STANDING: lambda: self.seen.standstill,
         }
 
@@ -217,7 +220,7 @@ class Positioner:
         result, course, commands = self.result, self._course, request.commands
         if self._owed:
             self._show_acknowledge()
-        course.look(commands & Command.SOFTWARE_LIMITS != 0 and result.home_set)
+        course.look(commands & _SOFTWARE_LIMITS != 0 and result.home_set)
         if commands != self._commands or request.operating is (self._state is _OFF):
             self._read_request(request)
         if (commands & HOME or self._probe_requested) and self._state is not _OFF:
@@ -264,7 +267,7 @@ class Positioner:
                 self._warn(Reason.LOST_EDGE)
             elif self._state not in TASK_STATES:
                 self._warn(Reason.FUNCTION_RUNS)
-            elif commands & Command.NO_INTERMEDIATE_STOP or self._state in _KEPT:
+            elif commands & _NO_INTERMEDIATE_STOP or self._state in _KEPT:
                 self._pending = self._captured()
             else:
                 self._warn(Reason.LOST_EDGE)
@@ -298,7 +301,7 @@ class Positioner:
             event = _BLOCK_TASK
             refusal = self._chain.refusal(request.block)
         else:
-            event = _SETTING_UP_TASK if commands & Command.SETTING_UP else _MDI_TASK
+            event = _SETTING_UP_TASK if commands & _SETTING_UP_SELECTED else _MDI_TASK
             if not velocity:
                 refusal = Reason.TASK_SPEED_ZERO
             elif request.acceleration <= 0 or request.deceleration <= 0:
@@ -317,7 +320,7 @@ class Positioner:
         request, task, commands = self.request, self._task, self.request.commands
         if commands & _UPDATES != _UPDATES or not commands & _MDI_SELECTED or task is None:
             return False
-        if task.is_of(request) or (commands & Command.SETTING_UP != 0) is not (self._state is _SETTING_UP):
+        if task.is_of(request) or (commands & _SETTING_UP_SELECTED != 0) is not (self._state is _SETTING_UP):
             return False
         if self._state is _MDI and not commands & task.how & _ABSOLUTE:
             self._warn(Reason.UPDATE_RELATIVE)
@@ -419,9 +422,9 @@ class Positioner:
     def _start_jog(self) -> None:
         self._begin()
         self._jog = self._jog_bit()
-        place = self._jog == Command.JOG_2_ON
+        place = self._jog == _JOG_2
         velocity = self.choices.jog_velocities[place]
-        if self.request.commands & Command.JOG_INCREMENTAL:
+        if self.request.commands & _JOG_INCREMENTAL:
             self._armed &= ~self._jog
             distance = self.choices.jog_distances[place]
             self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
@@ -499,7 +502,7 @@ class Positioner:
         if self._now >= self._homing_until:
             self._homing_until = 0
         result.homing = state is _HOMING or self._homing_until > 0
-        if commands & Command.HARDWARE_LIMITS:
+        if commands & _HARDWARE_LIMITS:
             result.negative_limit, result.positive_limit = seen.negative_limit, seen.positive_limit
         else:
             result.negative_limit = result.positive_limit = False
@@ -510,7 +513,7 @@ class Positioner:
         else:
             result.at_minus = result.at_plus = False
         result.reason = course.held or (None if commands & _DO_NOT_REJECT else _REJECTED) or result.warning
-        jog = commands & _JOGS and not commands & Command.JOG_INCREMENTAL
+        jog = commands & _JOGS and not commands & _JOG_INCREMENTAL
         if jog and state is _IDLE and result.reason is None and not self._jog_asked():
             result.reason = Reason.LOST_JOG
 

@@ -33,6 +33,7 @@ LIMIT_STANDING_NS: Final = 500 * MS
 stops it. A drive with a limited speed has left standstill by then.
 """
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
+_NO_INTERMEDIATE_STOP: Final = Command.NO_INTERMEDIATE_STOP
 
 
 @dataclass(slots=True, eq=False)
@@ -274,7 +275,7 @@ class Course:
     def _hold(self, goal: Goal, request: PositionerRequest, now: int) -> Reason | None:
         """Why a task is kept but not executed."""
         seen = self.seen
-        if not request.commands & Command.NO_INTERMEDIATE_STOP:
+        if not request.commands & _NO_INTERMEDIATE_STOP:
             self._at_limit = False
             self._limit_since = -1
             return Reason.INTERMEDIATE_STOP

@@ -37,6 +37,7 @@ _ACTIVE_BLOCK, _ACTIVE_MDI = _ACTIVE.bit("BLOCK").mask, _ACTIVE.bit("MDI_ACTIVE"
 _CONTROL_WORDS = ("STW1", "SATZANW", "POS_STW", "POS_STW1", "POS_STW2", "MDI_MOD")
 _COMMANDS = Command.__members__
 _LIMITS = Command.SOFTWARE_LIMITS | Command.HARDWARE_LIMITS
+_MDI_SELECTED, _SETTING_UP_SELECTED = Command.MDI, Command.SETTING_UP
 
 _FIRST = {bit.name: bit.mask for bit in signal("POS_ZSW1").bits}
 _SECOND = {bit.name: bit.mask for bit in signal("POS_ZSW2").bits}
@@ -254,9 +255,9 @@ def _mode(result: PositionerResult, request: PositionerRequest) -> State:
     """The active or last function; else the one that an edge of STW1.6 would start."""
     if result.shown is not State.IDLE or result.state not in _SELECTABLE:
         return result.shown
-    if not request.commands & Command.MDI:
+    if not request.commands & _MDI_SELECTED:
         return State.BLOCK
-    return State.SETTING_UP if request.commands & Command.SETTING_UP else State.MDI
+    return State.SETTING_UP if request.commands & _SETTING_UP_SELECTED else State.MDI
 
 
 def _first(result: PositionerResult, request: PositionerRequest) -> int:
@@ -306,7 +307,7 @@ _MDI_ACTIVE = signal("AKTSATZ").bit("MDI_ACTIVE").mask
 class PositioningAdapter(PositionerAdapter):
     """Positions, speeds and ramps are fractions of the references. AKTSATZ shows MDI without control, too."""
 
-    KEPT: ClassVar[int] = Command.MDI
+    KEPT: ClassVar[int] = _MDI_SELECTED
     IGNORED: ClassVar[int] = PositionerAdapter.IGNORED | signal("STW1").word(
         "JOG_1_ON", "JOG_2_ON", "EXTERNAL_BLOCK_CHANGE", positioning=True
     )

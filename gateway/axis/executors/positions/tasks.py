@@ -46,6 +46,7 @@ _POSITION_MODE, _VELOCITY_MODE, _HOMING_MODE = Mode.POSITION.value, Mode.VELOCIT
 _WITHOUT_FUNCTION = (Function.IDLE, Function.TRACKING, Function.BRAKING)
 _STANDING, _REACHED, _WITHIN_TOLERANCE = Flag.STANDING, Flag.REACHED, Flag.WITHIN_TOLERANCE
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
+_PROBE_2, _PROBE_FALLING_EDGE = Command.PROBE_2, Command.PROBE_FALLING_EDGE
 _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
@@ -180,9 +181,10 @@ class PositionerExecutor(MotionExecutor):
         outputs, seen = self.outputs, self._seen
         seen.probe = None
         seen.probe_refused = False
-        armed = self.positioner.result.probe
-        probe_2, falling = request.commands & Command.PROBE_2 != 0, request.commands & Command.PROBE_FALLING_EDGE != 0
-        outputs.probe = ProbeWish((2 * probe_2 + falling,)) if armed else None
+        outputs.probe = None
+        if self.positioner.result.probe:
+            commands = request.commands
+            outputs.probe = ProbeWish((2 * (commands & _PROBE_2 != 0) + (commands & _PROBE_FALLING_EDGE != 0),))
 
     def step(self) -> Reason | None:
         units, speed, message, reason = self._units, self._speed, self._message, self.interlock.reason

@@ -23,6 +23,7 @@ from pdgw.gateway.reasons import Reason
 
 _STANDING, _REACHED = Flag.STANDING, Flag.REACHED
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
+_ACTIVATE, _ABSOLUTE, _MDI_SELECTED = Command.ACTIVATE_TASK, Command.ABSOLUTE, Command.MDI
 _IDLE, _HOMING, _BRAKING = State.IDLE, State.HOMING, State.BRAKING
 _ENABLED = (Action.ENABLE_OPERATION, Action.RAMP)
 
@@ -81,7 +82,7 @@ class PositioningExecutor(MotionExecutor):
             of_the_task = result.motion.first <= self._seen.given
             if self._acknowledges and of_the_task:
                 flags |= _TASK_ACKNOWLEDGED
-            selected = request.commands & Command.MDI != 0
+            selected = request.commands & _MDI_SELECTED != 0
             report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and selected
         report.flags = flags
         report.homing_method = self.homing.method
@@ -106,7 +107,7 @@ class PositioningExecutor(MotionExecutor):
         """Convert a task to the drive's units."""
         scaling, limited = self._scaling, self.limited
         assert scaling is not None, "tasks start in operation, which needs the drive"
-        absolute = request.commands & Command.ABSOLUTE != 0
+        absolute = request.commands & _ABSOLUTE != 0
         target = limited(scaling.position if absolute else scaling.relative, request.target)
         velocity = limited(scaling.velocity, request.velocity)
         acceleration = limited(scaling.acceleration, request.acceleration)
@@ -178,9 +179,7 @@ class PositioningExecutor(MotionExecutor):
     def _may_fall(self) -> bool:
         """CW.4 stays until the drive has taken the task and STW1.6 falls, or another task waits."""
         request = self._mdi.request
-        return self._seen.taken == self._seen.given and (
-            not request.commands & Command.ACTIVATE_TASK or self._mdi.waits
-        )
+        return self._seen.taken == self._seen.given and (not request.commands & _ACTIVATE or self._mdi.waits)
 
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
         """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
