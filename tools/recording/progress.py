@@ -16,11 +16,12 @@ T = TypeVar("T")
 
 def with_progress_of(items: Iterator[T], title: str, count: int) -> Iterator[T]:
     """The items, with a bar that counts them."""
+    if count < _SEVERAL or not sys.stderr.isatty():
+        return items
     from rich.console import Console  # noqa: PLC0415 (slow to load)
     from rich.progress import track  # noqa: PLC0415
 
-    hidden = count < _SEVERAL or not sys.stderr.isatty()
-    yield from track(items, title, count, console=Console(stderr=True), transient=True, disable=hidden)
+    return iter(track(items, title, count, console=Console(stderr=True), transient=True))
 
 
 def with_progress(items: Iterator[T], title: str, size: int | None, position: Callable[[], int]) -> Iterator[T]:
