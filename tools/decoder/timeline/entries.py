@@ -85,9 +85,10 @@ class Edge:
         return None if self.cause is None else self.time_ns - self.cause.time_ns
 
     @property
-    def refused(self) -> bool:
-        """Whether the command had no effect. The reason of a drive that an OFF has stopped is its effect."""
-        return self.outcome is not None and (self.outcome.state not in _OFF or self.after & _ON == _ON)
+    def refusal(self) -> Reason | None:
+        """Why the command had no effect. The reason of a drive that an OFF has stopped is its effect."""
+        is_effect = self.outcome is not None and self.outcome.state in _OFF and self.after & _ON != _ON
+        return None if is_effect else self.outcome
 
     @property
     def bits(self) -> tuple[list[str], list[str]]:
@@ -229,8 +230,8 @@ class Summary:
         elif isinstance(entry, Anomaly):
             self.anomalies[entry.kind] += 1
         elif isinstance(entry, Edge):
-            if entry.outcome is not None and entry.refused:
-                self.refusals[entry.outcome] += 1
+            if entry.refusal is not None:
+                self.refusals[entry.refusal] += 1
             if entry.cause is not None:
                 self._measure(f"{entry.cause.kind.value} -> {entry.kind.value}", entry, entry.cause)
             origin = entry.origin
