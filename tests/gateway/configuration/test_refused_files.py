@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from ipaddress import IPv4Address
@@ -28,6 +29,13 @@ LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
 )
 
 
+def is_refused_shortly(load: Callable[[Path], object], path: Path, text: str, message: str) -> None:
+    path.write_text(text)
+    with pytest.raises(GatewayError, match=message) as refused:
+        load(path)
+    assert len(str(refused.value)) < 500
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -39,11 +47,7 @@ LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     ],
 )
 def test_toml_bombs(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "bomb.toml"
-    path.write_text(text)
-    with pytest.raises(GatewayError, match=message) as refused:
-        load_config(path)
-    assert len(str(refused.value)) < 500
+    is_refused_shortly(load_config, tmp_path / "bomb.toml", text, message)
 
 
 @pytest.mark.parametrize(
@@ -57,11 +61,7 @@ def test_toml_bombs(tmp_path: Path, text: str, message: str) -> None:
     ],
 )
 def test_yaml_bombs(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "bomb.yaml"
-    path.write_text(text)
-    with pytest.raises(GatewayError, match=message) as refused:
-        load_scenario(path)
-    assert len(str(refused.value)) < 500
+    is_refused_shortly(load_scenario, tmp_path / "bomb.yaml", text, message)
 
 
 # -- keys that a drive lacks, all at once and as lines to paste ---------------------------------------------------

@@ -198,10 +198,11 @@ def test_of_frames_that_piled_up_the_newest_counts() -> None:
     assert not scene.link.receive(3 * CYCLE), "nothing waits"
 
 
-def test_a_stop_is_seen_before_what_follows_it() -> None:
+@pytest.mark.parametrize("stop", [{"run": False}, {"good": False}], ids=["provider state STOP", "IOPS BAD"])
+def test_a_stop_is_seen_before_what_follows_it(stop: dict[str, bool]) -> None:
     scene = connected()
     scene.frame(1)
-    scene.frame(2, run=False)
+    scene.frame(2, **stop)
     scene.frame(3)
     assert scene.link.receive(CYCLE)
     assert scene.speed is None
@@ -220,15 +221,6 @@ def test_each_change_of_a_control_word_is_a_step_of_its_own_however_many_frames_
     while scene.link.receive(CYCLE):
         seen.append(scene.link.setpoints[0])
     assert seen == [(word, 2), (0x047F, 3), (0x047F, 4)]
-
-
-def test_bad_data_is_seen_before_what_follows_it() -> None:
-    scene = connected()
-    scene.frame(1)
-    scene.frame(2, good=False)
-    scene.frame(3)
-    assert scene.link.receive(CYCLE)
-    assert scene.speed is None
 
 
 def test_a_flood_of_rubbish_does_not_keep_the_plc_waiting() -> None:
