@@ -106,7 +106,7 @@ def test_cansend_can_take_a_node_out_of_operation_and_the_axis_stops(line: Wire)
         plant.until(lambda: plant.state() != 0x07, "the axis is not in operation")
         plant.until(lambda: drive.model.velocity_actual == 0, "standstill")
         plant.until(lambda: plant.state() == INHIBITED, "the gateway has it again")
-        plant.stays(lambda: plant.state() == INHIBITED, "the ON that stands starts nothing")
+        plant.stays(lambda: plant.state() == INHIBITED, "the ON that is still 1 starts nothing")
         plant.turn()
 
     plant.play(sequence)

@@ -48,7 +48,8 @@ def test_link_down_stops_the_drive_and_link_up_does_not_start_it(line: Wire) -> 
         plant.outside(lambda: interfaces.up(line.near))
         plant.until(lambda: plant.state() == INHIBITED, "the drive is back, inhibited")
         plant.stays(
-            lambda: plant.state() == INHIBITED and drive.model.velocity_actual == 0, "the ON that stands starts nothing"
+            lambda: plant.state() == INHIBITED and drive.model.velocity_actual == 0,
+            "the ON that is still 1 starts nothing",
         )
         plant.turn()
 
@@ -67,7 +68,8 @@ def test_unplugged_adapter_is_used_again_after_plugging_it_in(line: Wire) -> Non
         again = drive if plant.outside(line.plug) else plant.drive(line.far)
         plant.until(lambda: plant.state() == INHIBITED, "the drive is back, inhibited")
         plant.stays(
-            lambda: plant.state() == INHIBITED and again.model.velocity_actual == 0, "the ON that stands starts nothing"
+            lambda: plant.state() == INHIBITED and again.model.velocity_actual == 0,
+            "the ON that is still 1 starts nothing",
         )
         plant.turn()
 
@@ -151,7 +153,7 @@ def test_controller_errors_are_counted_and_bus_off_stops_until_off_and_on(virtua
             plant.until(lambda: plant.counter(part, "error_frames") == 3, "three messages")
             plant.until(lambda: drive.model.velocity_actual == 0, "standstill")
             plant.until(lambda: plant.daemon.networks[virtual].healthy, "a frame of the drive")
-            plant.stays(lambda: plant.state() != OPERATION, "the ON that stands starts nothing")
+            plant.stays(lambda: plant.state() != OPERATION, "the ON that is still 1 starts nothing")
             plant.turn()
 
     plant.play(sequence)
@@ -171,7 +173,7 @@ def test_flood_of_the_highest_priority_leaves_the_axis_controllable(line: Wire, 
         # How much of it: where the machine is too slow, the kernel or the controller has no room for the rest.
         plant.until(lambda: FLOOD in heard, "the flood is read")
         if plant.state() != OPERATION:  # a machine that was too slow for it: stopped, and it stays so
-            plant.stays(lambda: plant.state() != OPERATION, "the ON that stands starts nothing")
+            plant.stays(lambda: plant.state() != OPERATION, "the ON that is still 1 starts nothing")
             plant.turn()
         plant.command(OFF)
         plant.until(lambda: drive.model.velocity_actual == 0, "standstill")
@@ -195,7 +197,8 @@ def test_full_queue_of_the_interface_is_reported_and_stops_the_drive(line: Wire)
         plant.outside(lambda: subprocess.run(free, check=True, timeout=PATIENCE_S))
         plant.until(lambda: plant.state() is not None, "the drive is back")
         plant.stays(
-            lambda: plant.state() != OPERATION and drive.model.velocity_actual == 0, "the ON that stands starts nothing"
+            lambda: plant.state() != OPERATION and drive.model.velocity_actual == 0,
+            "the ON that is still 1 starts nothing",
         )
         plant.turn()
 
@@ -212,7 +215,8 @@ def test_two_nodes_with_one_number_never_turn_unsupervised(line: Wire) -> None:
         plant.until(lambda: plant.state() != OPERATION, "the boot-up of a node that turns is no restart one may trust")
         plant.until(lambda: drive.model.velocity_actual == 0, "standstill")
         plant.stays(
-            lambda: drive.model.velocity_actual == 0 == twin.model.velocity_actual, "the ON that stands starts nothing"
+            lambda: drive.model.velocity_actual == 0 == twin.model.velocity_actual,
+            "the ON that is still 1 starts nothing",
         )
         twin.stop()
         plant.until(lambda: plant.state() == INHIBITED, "one of them again")

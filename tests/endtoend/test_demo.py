@@ -31,8 +31,8 @@ def check_report(out: Path) -> None:
     assert report["passed"]
     assert len(report["results"]) >= 40
     assert all(item["passed"] for item in report["results"])
-    told = " ".join(note for _, note in report["notes"])
-    assert all(part in told for part in ("OFF1", "quick stop", "over-current", "homing"))
+    notes = " ".join(note for _, note in report["notes"])
+    assert all(part in notes for part in ("OFF1", "quick stop", "over-current", "homing"))
     assert report["exit_codes"] == {"plc": 0, "gateway": 0, "devices": 0}
     results = [(item["axis"], item["name"], item["measured"]) for item in report["results"]]
 

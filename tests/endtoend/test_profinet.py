@@ -91,10 +91,10 @@ def capture_without_a_configuration(out: Path) -> None:
     assert "observed in Connect of press-1: axis 1 telegram 1, axis 2 telegram 9" in result.stderr
     kinds = {json.loads(line)["kind"] for line in result.stdout.splitlines()}
     assert kinds >= {"dcp", "lldp", "rpc", "alarm", "frame", "parameter-request", "parameter-response"}
-    told = in_process("timeline", recording)
-    assert told.returncode == 0, told.stderr
-    assert "relationship of pdgw-plc and press-1 confirmed" in told.stdout
-    assert "-> executed" in told.stdout
+    timeline = in_process("timeline", recording)
+    assert timeline.returncode == 0, timeline.stderr
+    assert "relationship of pdgw-plc and press-1 confirmed" in timeline.stdout
+    assert "-> executed" in timeline.stdout
     replayed = in_process("replay", recording)
     assert replayed.returncode == 0, replayed.stdout
 

@@ -142,7 +142,7 @@ def test_a_lost_sdo_frame_delays_the_stop_by_a_tenth_of_the_time_for_an_answer(l
             until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop", limit)
             drive.do(lambda node: node.behave())
             until(daemon, lambda: daemon.axes[0].good, "online again", 4 * SECOND)
-        assert client.generation == 2, "a second answer to what was repeated confused nothing"
+        assert client.generation == 2, "a second answer to a repeated request has no effect"
 
 
 def test_a_drive_that_answers_each_repeated_request_late_is_brought_up_at_once(
@@ -172,7 +172,7 @@ def test_a_lost_drive_that_turns_on_in_pre_operational_is_stopped_before_it_is_c
             until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop", 2 * MS)
             until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
             world_of(daemon).loop.run_for(4 * SECOND)
-            assert [index for index, _ in written].count(0x6040) == 1, "a drive that is off is told nothing"
+            assert [index for index, _ in written].count(0x6040) == 1, "a drive that is off gets no command"
             drive.do(lambda node: node.behave())
             until(daemon, lambda: daemon.axes[0].good, "online again")
             world_of(daemon).loop.run_for(SECOND)

@@ -54,7 +54,7 @@ class Narrow(Case):
         return [item for item in Case._shown(self) if item.name.startswith(kept)]
 
 
-def speed_stands_in_a_stop(method: Any, self: SpeedExecutor) -> Reason | None:
+def speed_does_not_fall_in_a_stop(method: Any, self: SpeedExecutor) -> Reason | None:
     reason: Reason | None = method(self)
     self.command.target_velocity = self._value
     return reason
@@ -82,7 +82,7 @@ def standing_homing_bit_of_a_positioner_starts(method: Any, self: Positioner) ->
     return {**method(self), Event.HOMING: lambda: HOME & self.request.commands}
 
 
-def homing_goes_on_without_its_bit(patch: Patch) -> None:
+def homing_continues_without_its_bit(patch: Patch) -> None:
     replaced(MdiPositioner, "_homes", lambda _: True)(patch)
     wrapped(MdiPositioner, "_events", lambda method, self: method(self) | {Event.HOMING_WITHDRAWN: lambda: False})(
         patch
@@ -135,7 +135,7 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
         Narrow(1, also=("restarted",)),
         replaced(Interlock, "restarted", lambda _: None),
     ),
-    "speed stands in a stop": (DEFAULT, wrapped(SpeedExecutor, "step", speed_stands_in_a_stop)),
+    "speed does not fall in a stop": (DEFAULT, wrapped(SpeedExecutor, "step", speed_does_not_fall_in_a_stop)),
     "operation shown in a stop": (DEFAULT, each_cell(lambda cell: replace(cell, operating=True))),
     "OFF2 and OFF3 after a loss ignored": (
         RAMP,
@@ -152,7 +152,10 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
         Narrow(9, homing=True, tick_ns=LONG_TICK_NS),
         wrapped(MdiPositioner, "_take_homing", standing_homing_bit_starts),
     ),
-    "homing goes on without its bit": (Narrow(9, homing=True, tick_ns=LONG_TICK_NS), homing_goes_on_without_its_bit),
+    "homing continues without its bit": (
+        Narrow(9, homing=True, tick_ns=LONG_TICK_NS),
+        homing_continues_without_its_bit,
+    ),
     "standing homing bit of a positioner starts": (
         Narrow(110, homing=True, tick_ns=LONG_TICK_NS),
         wrapped(Positioner, "_events", standing_homing_bit_of_a_positioner_starts),

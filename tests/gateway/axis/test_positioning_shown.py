@@ -304,7 +304,7 @@ def test_old_attempt_does_not_shorten_the_time_for_a_mode_change() -> None:
     assert not stepper.events
     for cycle in range(2, 5):
         step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + cycle)
-        assert stepper.numbers == [110], "told once while it lasts"
+        assert stepper.numbers == [110], "reported once while it is present"
         assert stepper.warning
         assert stepper.reason is Reason.MODE_KEPT
     feedback.modes_of_operation_display = Mode.POSITION

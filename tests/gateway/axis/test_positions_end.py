@@ -1,4 +1,4 @@
-"""Telegrams 9 and 111: when a task or a homing has ended, what an axis that stands before its end reports, and modes."""
+"""Telegrams 9 and 111: when a task or a homing has ended, what an axis at standstill reports before that, and modes."""
 
 from __future__ import annotations
 

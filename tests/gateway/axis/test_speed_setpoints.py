@@ -56,7 +56,7 @@ def test_the_other_jog_begins_only_at_standstill() -> None:
     rig.values["STW1"] = READY | JOG_1
     rig.step()
     assert rig.stepper.command.target_velocity == 0
-    assert jog(rig, JOG_1) == UNITS[0], "it stood meanwhile"
+    assert jog(rig, JOG_1) == UNITS[0], "it was at standstill in between"
 
 
 def test_jog_does_not_start_from_a_speed_setpoint() -> None:

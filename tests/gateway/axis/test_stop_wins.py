@@ -92,7 +92,7 @@ def test_removed_control_in_operation_is_an_off1_with_a_warning() -> None:
     assert bench.drive.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}
     assert len(bench.stepper.events) == 1
     zsw1 = bench.step(ON, 0x2000, cycles=5)
-    assert bench.drive.state is not State.OPERATION_ENABLED, "the ON that stands starts nothing"
+    assert bench.drive.state is not State.OPERATION_ENABLED, "the ON that is still 1 starts nothing"
     assert not zsw1 & StatusBit.WARNING
     bench.operate()
 

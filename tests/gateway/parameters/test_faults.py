@@ -286,7 +286,7 @@ Edge = Callable[[Path], Any]
 
 @EDGES
 @pytest.mark.parametrize(
-    ("place", "name", "told"),
+    ("place", "name", "answer"),
     [(Records, "write", FAULT), (manager, "answer", "read error")],
     ids=["in a call: a FAULT of the RPC", "in a parameter request: a read error"],
 )
@@ -294,7 +294,7 @@ def test_a_mistake_in_a_request_is_an_error_answer_for_its_caller_alone(
     edge: Edge,
     place: object,
     name: str,
-    told: str,
+    answer: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
@@ -303,7 +303,7 @@ def test_a_mistake_in_a_request_is_an_error_answer_for_its_caller_alone(
         with mistakes(daemon, caplog), monkeypatch.context() as planted:
             planted.setattr(place, name, mistaken)
             for _ in range(3):
-                with pytest.raises(GatewayError, match=told):
+                with pytest.raises(GatewayError, match=answer):
                     number(client, 965)
             assert daemon.loop.task_errors == 3
         assert number(client, 965) == 0x0329

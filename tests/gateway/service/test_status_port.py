@@ -102,7 +102,7 @@ def test_who_waited_is_answered_when_there_are_descriptors_again(
         loop.remove_reader(client.fileno())
         assert b"allowed" in client.recv(1000)
         assert listener.asked == 4
-        assert len(caplog.records) == 1, "told once while it lasts"
+        assert len(caplog.records) == 1, "reported once while it is present"
         server.stop()
 
 

@@ -30,7 +30,7 @@ from pdgw.gateway.trace.steps import HOMES, recorded_class
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, world_of
 from tests.support.gateways.recorded_daemon import recorded
 
-# -- what is read is what was recorded, whatever happens to the files ---------------------------------------------
+# -- a recording is read as it was written, whatever happens to its files ---------------------------------------------
 
 
 BOTH = axis(1) + axis(3, telegram_number=9)
