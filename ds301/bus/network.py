@@ -83,6 +83,8 @@ class CanNetwork(Receiver):
         self.error_passive = 0
         self.healthy = True
         """False from a bus-off or a lost interface until a frame passes again."""
+        self.failures = 0
+        """Counts how often that began, for who looks later."""
         self.listeners: list[FrameListener] = []
         self.on_drop: list[Callable[[], None]] = []
         """Called when frames of any sender were dropped."""
@@ -393,7 +395,7 @@ class CanNetwork(Receiver):
             self.bus_off += 1
             if self.healthy:
                 log.error("CAN bus %s: bus-off", self.name, extra=self._log_fields)
-            self.healthy = False
+            self._fail()
 
     def on_room(self) -> None:
         """The interface takes frames again."""
@@ -406,7 +408,7 @@ class CanNetwork(Receiver):
             queue.clear()
         self._drop_sdo()
         self.waiting = False
-        self.healthy = False
+        self._fail()
         if self._working:
             self.lost += 1
             self._working = False
@@ -448,7 +450,11 @@ class CanNetwork(Receiver):
         if self._busy_since < 0:
             self._busy_since = now
         elif now - self._busy_since >= _BUSY_NS:
-            self.healthy = False
+            self._fail()
+
+    def _fail(self) -> None:
+        self.failures += self.healthy
+        self.healthy = False
 
     def _notify_listeners(
         self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False

@@ -150,6 +150,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """Empty, or why the configuration of the node is not that of the gateway any more."""
         self._check_at: int | None = None
         """When the node is brought up again because its configuration was written to; until then no cyclic data counts."""
+        self._bus_failures = 0
+        """Failures of the bus before the node came online."""
         self._jobs = Jobs()
         self._task: Task | None = None
         for direction in PdoDirection:
@@ -610,6 +612,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
+        self._bus_failures = self.network.failures
         self.network.watch(self._monitor)
         try:
             self._work()
@@ -684,7 +687,12 @@ class NodeClient(abc.ABC, Generic[S]):
             return f"objects without PDO could not be read {ACYCLIC_FAILURES} times"
         if now > self._acyclic_until:
             return f"objects without PDO were not read for {self._acyclic_limit_ns // MS} ms"
-        return "" if self.network.healthy else f"CAN bus {self.network.name} is not healthy"
+        return f"CAN bus {self.network.name} failed" if self.bus_failed else ""
+
+    @property
+    def bus_failed(self) -> bool:
+        """The bus failed while the node was online, even if it has recovered since: what was sent meanwhile may be lost."""
+        return self.network.failures != self._bus_failures or not self.network.healthy
 
     @property
     def _doubled(self) -> str:

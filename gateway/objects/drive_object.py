@@ -305,6 +305,6 @@ class DriveObject(abc.ABC):
         notice = _NOTICE_OF_KIND.get(event.kind)
         if notice is None:
             notice = _NOTICE_OF_STATUS.get(self.client.status, Notice.PROGRESS)
-            if notice is Notice.LOST and not self.network.healthy:
+            if notice is Notice.LOST and self.client.bus_failed:
                 notice = Notice.BUS_LOST
         self._news.append(NodeNotice(notice, event.text, event.time_ns, event.code, event.register, event.data))

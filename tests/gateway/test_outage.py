@@ -11,6 +11,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.world import World
 from tests.conformance.rig import COMPLETE
 from tests.support.gateways.daemon import (
@@ -176,3 +177,19 @@ def test_an_enable_that_waited_starts_a_drive_in_ready_to_switch_on_for_10_ms_at
         assert enabled
         assert enabled[-1] - enabled[0] <= 10 * MS
         assert drive.model.state is not State.OPERATION_ENABLED
+
+
+def test_a_bus_off_that_is_over_at_once_stops_the_drive_until_off_and_on() -> None:
+    """Between two passes of the watch the controller left the bus, came back, and received a frame."""
+    with operating() as (daemon, plc):
+        plc.turn(FULL_SPEED)
+        model, network = drive_of(daemon).model, daemon.networks["can"]
+        network.on_error_frame(bus_off=True, passive=False)
+        network.on_frame(0x7F, b"")
+        assert network.healthy
+        with exchanging(plc):
+            until(daemon, lambda: model.velocity_actual == 0, "standstill", 5 * SECOND)
+            until(daemon, lambda: daemon.axes[0].good, "the drive is back", 15 * SECOND)
+            world_of(daemon).loop.run_for(SECOND)
+            assert model.state is not State.OPERATION_ENABLED, "the ON that is still 1 starts nothing"
+        assert FaultNumber.BUS_LOST in [fault.number for fault in daemon.axes[0].faults]
