@@ -288,6 +288,9 @@ class Rule(enum.Enum):
     )
 
 
+_CHECKS: Final = tuple((rule, rule.broken) for rule in Rule)
+
+
 def broken(seen: Seen) -> list[Rule]:
     """The rules that are broken."""
-    return [rule for rule in Rule if rule.broken(seen)]
+    return [rule for rule, is_broken in _CHECKS if is_broken(seen)]

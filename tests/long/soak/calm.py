@@ -17,7 +17,7 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import ROTARY_AXIS, Latency
 from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
-from tests.long.rules import Seen
+from tests.long.rules import Seen, broken
 from tests.long.soak.calm_tasks import program
 from tests.long.soak.plan import CYCLES_MS, AxisPlan, Part, Plan, shapes_of
 from tests.long.soak.soak_run import CHANNEL, SoakRun
@@ -133,7 +133,8 @@ class CalmRun(SoakRun):
                 stopped=self.working and bool(states) and states[item.do_id - 1] is not State.OPERATION_ENABLED,
                 denied=self._denied(item),
             )
-            require(item.label, seen, "; ".join([self.program.task, *alarms, self.describe()]))
+            if broken(seen):
+                require(item.label, seen, "; ".join([self.program.task, *alarms, self.describe()]))
 
     def _denied(self, item: DriveObject) -> bool:
         """Whether the gateway gives a reason that the PLC does not cause, or for longer than it may."""
@@ -141,7 +142,9 @@ class CalmRun(SoakRun):
         reason = item.reason if self.working else None
         if reason is None or reason is not self._reason:
             self._reason, self._reason_since = reason, now
-        self._caused |= {item: now for item, bits in _CAUSED.items() if bits & ~word}
+        for cause, bits in _CAUSED.items():
+            if bits & ~word:
+                self._caused[cause] = now
         if word & _JOG and not self.plan.direct:
             self._caused[Reason.INTERMEDIATE_STOP] = now  # the end of a jog is one until more frames confirm it
         passing = reason in _PASSING

@@ -221,6 +221,8 @@ class SoakAxis:
 
     def _require(self, seen: Seen) -> None:
         """ViolationError if a rule is broken, with what is known of the axis."""
+        if not broken(seen):
+            return
         since, why = self._new_off_since
         times = {"OFF": self._off, "ON": self._on, why: since, "loss": self._lost_since, "stop": self._stop_since}
         now, model = self.drive.loop.now(), self.drive.model
