@@ -60,8 +60,8 @@ class FrameRecorder(Protocol):
         """A datagram, sent or received now."""
 
 
-class Link(Protocol):
-    """One relationship with a PLC, any number of drive objects."""
+class LinkState(Protocol):
+    """What is known of the PLC, for logs and ``pdgw status``."""
 
     @property
     def connected(self) -> bool:
@@ -72,45 +72,30 @@ class Link(Protocol):
         """Address of the connected PLC."""
 
     @property
-    def setpoints(self) -> Sequence[Sequence[int] | None]:
-        """The raw values of each drive object, None while it has no valid PLC."""
-
-    def start(self, action: Callable[[], None]) -> None:
-        """Call ``action`` in the loop whenever something of the PLC waits."""
-
-    def receive(self, now: int, at_most: int = AT_ONCE) -> bool:
-        """Process everything that waits, or this number of items; True if valid data of the PLC was among them."""
-
-    @property
-    def more(self) -> bool:
-        """Whether more data may wait after the last ``receive``."""
-
-    def poll(self, now: int) -> str:
-        """Check the watchdog; why the PLC is lost, if it expires in this call or the relationship has ended.
-
-        Empty otherwise, and for one of repeated losses, which are counted.
-        """
-
-    def finding(self, index: int | None = None) -> Finding | None:
-        """Why frames of the PLC, or of another sender, do not count; ``index``: for this drive object. None if they do."""
+    def received_ns(self) -> int | None:
+        """Arrival of the newest valid frame; None: none yet."""
 
     @property
     def age_ns(self) -> int | None:
         """Greatest possible age of the last frame that counted; None where no frame is late."""
 
-    def lose_setpoints(self) -> None:
-        """No drive object has a valid PLC until its next data."""
+    def finding(self, index: int | None = None) -> Finding | None:
+        """Why frames of the PLC, or of another sender, do not count; ``index``: for this drive object. None if they do."""
 
-    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int) -> None:
-        """Answer the PLC. ``good``: the values of that drive object are valid."""
+    def status(self) -> dict[str, object]:
+        """Connection and verdicts, for ``pdgw status``."""
 
-    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
-        """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
+
+class LinkLayout(Protocol):
+    """The frames and where the values are in them, for the recorder."""
+
+    recorder: FrameRecorder | None
 
     layout_token: object
     """Another one with every new layout of the frames."""
 
-    recorder: FrameRecorder | None
+    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
+        """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
 
     def places(self) -> FramePlaces:
         """The present layout of the frames."""
@@ -121,12 +106,35 @@ class Link(Protocol):
         The buffer of the last one is used again.
         """
 
-    @property
-    def received_ns(self) -> int | None:
-        """Arrival of the newest valid frame; None: none yet."""
 
-    def status(self) -> dict[str, object]:
-        """Connection and verdicts, for ``pdgw status``."""
+class Link(LinkState, LinkLayout, Protocol):
+    """One relationship with a PLC, any number of drive objects: the cyclic exchange."""
+
+    @property
+    def setpoints(self) -> Sequence[Sequence[int] | None]:
+        """The raw values of each drive object, None while it has no valid PLC."""
+
+    @property
+    def more(self) -> bool:
+        """Whether more data may wait after the last ``receive``."""
+
+    def start(self, action: Callable[[], None]) -> None:
+        """Call ``action`` in the loop whenever something of the PLC waits."""
+
+    def receive(self, now: int, at_most: int = AT_ONCE) -> bool:
+        """Process everything that waits, or this number of items; True if valid data of the PLC was among them."""
+
+    def poll(self, now: int) -> str:
+        """Check the watchdog; why the PLC is lost, if it expires in this call or the relationship has ended.
+
+        Empty otherwise, and for one of repeated losses, which are counted.
+        """
+
+    def lose_setpoints(self) -> None:
+        """No drive object has a valid PLC until its next data."""
+
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int) -> None:
+        """Answer the PLC. ``good``: the values of that drive object are valid."""
 
     def close(self) -> None:
         """Close its ports."""
