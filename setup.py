@@ -30,6 +30,7 @@ COMPILED = (
     "ds301/loop/readiness.py",
     "ds301/loop/virtual_loop.py",
     "ds301/node/client.py",
+    "ds301/node/heartbeat.py",
     "ds301/node/configuring.py",
     "ds301/node/inquiry.py",
     "ds301/node/node.py",

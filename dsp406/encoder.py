@@ -164,13 +164,13 @@ class EncoderClient(NodeClient[EncoderSettings]):
         settings = self.settings
         if not settings.sync and CYCLIC_TIMER in self.sdo.dictionary:
             self.sdo.do(SdoStep(CYCLIC_TIMER, 0, CanType.U16, settings.tpdo_event_ms, "cyclic timer"))
-        self._heartbeat_expected = settings.heartbeat_ms > 0
+        self.heartbeat.expected = settings.heartbeat_ms > 0
         heartbeat = SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, settings.heartbeat_ms, "the encoder's heartbeat")
         try:
             self.sdo.write_checked(heartbeat)
         except (Dsp406Error, SdoAbortedError) as error:
             text = str(error)
-            self._heartbeat_expected = False  # only the TPDOs show that the encoder is running
+            self.heartbeat.expected = False  # only the TPDOs show that the encoder is running
             self._notify("status", f"no heartbeat: {text}")
         self.read_parameters()
         self.feedback.error_code = 0

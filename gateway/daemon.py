@@ -452,7 +452,7 @@ class Daemon:
                 network.send_heartbeat(GATEWAY_NODE_ID)
         for client in self.clients:
             if client.network not in withheld:
-                client.guard()
+                client.heartbeat.request()
         self._beat = self.loop.call_later(self._heartbeat_ns, self._on_heartbeat)
 
     def _cycle(self, now: int, *, accepted: bool) -> None:

@@ -26,10 +26,7 @@ from pdgw.ds301.communication import (
     EMCY_COB_ID,
     ERROR_CONTROL,
     ERROR_REGISTER,
-    GUARD_TOGGLE,
-    HEARTBEAT_STATE,
     NMT,
-    NMT_STATES,
     SDO_REQUEST,
     NmtCommand,
     NmtState,
@@ -40,6 +37,7 @@ from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.doubles import FrameRate
+from pdgw.ds301.node.heartbeat import Heartbeat
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
@@ -123,16 +121,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """Afterwards their values are too old."""
         self._sending = False
         """The node is in operation and takes RPDOs."""
-        self._heartbeat = 0
-        self._heartbeat_state = NmtState.BOOT_UP.value
-        self._heartbeat_rate: FrameRate | None = None
-        """Of a node that produces a heartbeat."""
-        self.nmt_stopped = False
-        """The last heartbeat of the node says Stopped."""
-        self._heartbeat_expected = False
-        self._guarded_by_requests = False
-        """The node is monitored by remote requests, which it answers with a toggle bit (node guarding)."""
-        self._toggle = -1
+        self.heartbeat = Heartbeat(network, settings.node_id)
         self._moved_emcy = 0
         """COB-ID of its EMCY if 1014h has another one than usual, else 0."""
         self._expected_accesses = 0
@@ -221,12 +210,7 @@ class NodeClient(abc.ABC, Generic[S]):
     @property
     def received_ns(self) -> int:
         """Time of the node's last TPDO or heartbeat; 0: never."""
-        return max([self._heartbeat, *(slot.time for slot in self._slots)])
-
-    def guard(self) -> None:
-        """Request the state of a node that uses node guarding. Called with the gateway's own heartbeat."""
-        if self._guarded_by_requests:
-            self.network.request(ERROR_CONTROL + self.settings.node_id)
+        return max([self.heartbeat.time, *(slot.time for slot in self._slots)])
 
     def start(self) -> None:
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
@@ -449,11 +433,7 @@ class NodeClient(abc.ABC, Generic[S]):
         for pdo in self._acyclic_tpdos:
             self._read_acyclic(pdo)
         self._acyclic_failures = 0
-        self._heartbeat_state = NmtState.BOOT_UP.value
-        self._toggle = -1
-        self.nmt_stopped = False
-        produced = self._heartbeat_expected and not self._guarded_by_requests
-        self._heartbeat_rate = FrameRate(self.settings.heartbeat_ms * MS) if produced else None
+        self.heartbeat.begin(self.settings.heartbeat_ms)
         self._nmt(NmtCommand.START)
 
     def _find_emcy(self) -> None:
@@ -570,7 +550,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _not_started(self) -> CanopenError | None:
         """What the node shows after NMT start that explains a missing TPDO or heartbeat; None: nothing."""
-        node, state = f"node {self.settings.node_id}", self._heartbeat_state
+        node, state = f"node {self.settings.node_id}", self.heartbeat.state
         if state not in (NmtState.BOOT_UP, NmtState.OPERATIONAL):
             error, register = "", 0
             with suppress(SdoAbortedError):
@@ -595,11 +575,11 @@ class NodeClient(abc.ABC, Generic[S]):
         """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
         limit = max(_FIRST_SIGN_NS, self._heartbeat_limit_ms * MS)
         deadline = self.loop.now() + limit
-        while self._heartbeat_expected and self._heartbeat_state != NmtState.OPERATIONAL:
+        while self.heartbeat.expected and self.heartbeat.state != NmtState.OPERATIONAL:
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
-                if self._guarded_by_requests:
+                if self.heartbeat.by_requests:
                     missing, todo = "answer to node guarding", "check that the CAN adapter sends remote frames"
                 else:
                     missing, todo = "heartbeat", "check the firmware of the device: it accepted 1017h"
@@ -673,13 +653,8 @@ class NodeClient(abc.ABC, Generic[S]):
             return f"node {self.settings.node_id} restarted"
         if doubled := self._doubled:
             return str(self.sdo.two_devices(doubled))
-        if now - self._heartbeat > self._heartbeat_limit_ms * MS and self._heartbeat_expected:
-            limit = self._heartbeat_limit_ms
-            runs = any(slot.time > self._heartbeat + limit * MS // 2 for slot in self._slots)
-            but = " while its TPDOs arrive; check the firmware of the device, and who writes 1017h" if runs else ""
-            return f"no heartbeat for {limit} ms{but}"
-        if self._heartbeat_state != NmtState.OPERATIONAL and self._heartbeat_expected:
-            return f"the heartbeat of node {self.settings.node_id} says {NmtState.text(self._heartbeat_state)}"
+        if lost := self.heartbeat.lost(now, self._heartbeat_limit_ms, self._slots):
+            return lost
         overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         if overdue:
             return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
@@ -699,17 +674,18 @@ class NodeClient(abc.ABC, Generic[S]):
         """Empty, or the sign of a second device with the same node-ID."""
         if self.sdo.second_answers.found:
             return "SDO requests are answered twice"
-        if self._heartbeat_rate is not None and self._heartbeat_rate.found:
+        rate = self.heartbeat.rate
+        if rate is not None and rate.found:
             return f"heartbeats come more often than every {self.settings.heartbeat_ms} ms"
         often = [str(slot.pdo) for slot in self._slots if slot.rate is not None and slot.rate.found]
         return f"{', '.join(often)} more often than SYNC" if often else ""
 
     def _give_up(self) -> None:
         """The owner stops the device meanwhile; a node that does not answer is stopped by NMT."""
-        seen = self._heartbeat
+        seen = self.heartbeat.time
         if self._booted.wait(self.settings.heartbeat_ms * 2 * MS):
             return
-        if self._heartbeat == seen:
+        if self.heartbeat.time == seen:
             self._nmt(NmtCommand.STOP)
 
     def _exchange_acyclic(self, now: int) -> None:
@@ -736,22 +712,10 @@ class NodeClient(abc.ABC, Generic[S]):
     # -- frames of the node ---------------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, data: bytes, now: int) -> None:
-        if not data or data[0] & HEARTBEAT_STATE not in NMT_STATES:
-            return
-        if self._guarded_by_requests:
-            toggle, before = data[0] & GUARD_TOGGLE, self._toggle
-            self._toggle = -1 if data[0] == NmtState.BOOT_UP else toggle
-            if toggle == before:
-                return  # a repeated answer is not a new one
-        self._heartbeat = now
-        if self._heartbeat_rate is not None:
-            self._heartbeat_rate.see(self._heartbeat)
-        self._heartbeat_state = data[0] & HEARTBEAT_STATE
-        self.nmt_stopped = self._heartbeat_state == NmtState.STOPPED
-        if data[0] == NmtState.BOOT_UP:
+        if self.heartbeat.receive(data, now):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
-                self.on_event(NodeEvent("boot", "boot-up message", time_ns=self._heartbeat))
+                self.on_event(NodeEvent("boot", "boot-up message", time_ns=now))
 
     def _on_other_request(self, data: bytes, _now: int) -> None:
         self.sdo.second_answers.requested(data)

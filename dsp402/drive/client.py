@@ -408,8 +408,8 @@ class DriveClient(NodeClient[DriveSettings]):
         elif guarding != self.guarding:
             self._notify("status", f"if the gateway dies, this drive is stopped by {guarding.text}")
         self.guarding = guarding
-        self._guarded_by_requests = guarding.life_guarding
-        self._heartbeat_expected = guarding.heartbeat or guarding.life_guarding
+        self.heartbeat.by_requests = guarding.life_guarding
+        self.heartbeat.expected = guarding.heartbeat or guarding.life_guarding
 
     @property
     def _operates(self) -> bool:

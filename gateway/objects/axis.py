@@ -132,7 +132,7 @@ class Axis(DriveObject):
                 self._sound_until = now
             inputs.fault_code = self.fault_log.fault_code(self._sound_until - EMERGENCY_PATIENCE_NS)
             inputs.warning_code = self.fault_log.warning_code(machine.outputs.warning)
-        inputs.node_stopped = drive.nmt_stopped
+        inputs.node_stopped = drive.heartbeat.stopped
         inputs.position_ns = drive.units.position_ns
         if drive.generation != self._generation:
             self._generation = drive.generation

@@ -215,7 +215,7 @@ def test_last_sign_of_a_drive_includes_heartbeats(plant: Plant) -> None:
     drive = plant.power_on()
     client = plant.connected()
     drive.do(lambda node: node.receive(NMT, bytes((NmtCommand.STOP, NODE)), node.now))
-    site.wait_for(lambda: client.nmt_stopped, "a heartbeat, and no TPDO any more")
+    site.wait_for(lambda: client.heartbeat.stopped, "a heartbeat, and no TPDO any more")
     assert client.received_ns > max(slot.time for slot in client._slots)
 
 
