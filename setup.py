@@ -32,7 +32,6 @@ COMPILED = (
     "ds301/node/client.py",
     "ds301/node/heartbeat.py",
     "ds301/node/configuring.py",
-    "ds301/node/inquiry.py",
     "ds301/node/node.py",
     "ds301/node/sdo.py",
     "ds301/pdo.py",

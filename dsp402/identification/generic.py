@@ -10,7 +10,7 @@ from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
 from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VENDOR, communication_objects, pdo_objects
 from pdgw.ds301.eds.importer import import_eds
-from pdgw.ds301.node.inquiry import Inquiry
+from pdgw.ds301.node.sdo import Inquiry
 from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.ds301.sdo_transfer import SdoCommunicationError

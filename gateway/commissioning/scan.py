@@ -26,8 +26,8 @@ from pdgw.ds301.communication import (
 )
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
-from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.sdo import Inquiry
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.guarding import guard

@@ -34,8 +34,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT
-from pdgw.gateway.parameters.fault_lists import fault_codes, fault_numbers, fault_texts
+from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT, fault_codes, fault_numbers, fault_texts
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext, signal_list
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.gateway.store import DeviceParameters, DoParameters

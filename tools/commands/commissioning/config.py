@@ -141,7 +141,7 @@ def _print_missing_objects(axis: AxisConfig, settings: AxisSettings) -> None:
 def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     """Read an axis' drive and print its 100 % values and PDOs. None when the drive cannot run the telegram."""
     from pdgw.ds301.aborts import CanopenError
-    from pdgw.ds301.node.inquiry import Inquiry
+    from pdgw.ds301.node.sdo import Inquiry
     from pdgw.dsp402.drive.client import load_eds
     from pdgw.dsp402.identification.generic import probe
     from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines, planned
