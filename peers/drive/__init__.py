@@ -2,9 +2,8 @@
 
 from pdgw.peers.drive.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.drive.model.latency import Latency
-from pdgw.peers.drive.model.machine import LINEAR_AXIS, MACHINES, ROTARY_AXIS, Machine
 from pdgw.peers.drive.model.model import DriveModel
-from pdgw.peers.drive.model.shapes import ENGEL, SHAPES, Shape, shape
+from pdgw.peers.drive.model.shapes import ENGEL, LINEAR_AXIS, MACHINES, ROTARY_AXIS, SHAPES, Machine, Shape, shape
 
 __all__ = [
     "ENGEL",

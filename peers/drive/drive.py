@@ -18,10 +18,9 @@ from pdgw.dsp402.drive import touch_probe
 from pdgw.durations import MS
 from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
-from pdgw.peers.drive.model.machine import Machine
 from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.model.model import DriveModel
-from pdgw.peers.drive.model.shapes import ENGEL, Shape
+from pdgw.peers.drive.model.shapes import ENGEL, Machine, Shape
 from pdgw.peers.node.device import Value
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 from pdgw.peers.node.running import RunningNode

@@ -17,8 +17,8 @@ from pdgw.peers.node.faults import NODE_MISBEHAVIOURS, Reboot
 from pdgw.peers.node.misbehaviour import HEX, Misbehaviour, catalogue, parameter
 
 if TYPE_CHECKING:
-    from pdgw.peers.drive.model.machine import Machine
     from pdgw.peers.drive.model.model import DriveModel
+    from pdgw.peers.drive.model.shapes import Machine
 
 
 _STATE_BITS = 0x7F

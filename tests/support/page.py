@@ -18,8 +18,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import explanation, fault_status, snapshot
 from pdgw.tools.recording.trace_keeper import captured
-from pdgw.tools.web.app import Capture, Parameters
-from pdgw.tools.web.page_process import made_page
+from pdgw.tools.web.app import Capture, Parameters, made_page
 from pdgw.tools.web.server.guard import Token
 from pdgw.tools.web.server.server import listen
 from pdgw.tools.web.status import feed

@@ -1,8 +1,10 @@
-"""The results of a run as JUnit XML for CI and as one HTML page, with date, version and configuration."""
+"""Files that a command writes: results of a run as JUnit XML for CI and as one HTML page. Tables for terminals."""
 
 from __future__ import annotations
 
+import errno
 import html
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,10 +13,21 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich import box
+from rich.table import Table
 
 import pdgw
-from pdgw.gateway.errors import writing
-from pdgw.tools.output.files import to_be_written
+from pdgw.gateway.errors import GatewayError, writing
+
+
+def to_be_written(option: typer.CallbackParam, file: Path | None) -> Path | None:
+    """Callback of an option that names an output file. GatewayError before the work if the file cannot be written."""
+    if file is not None:
+        wrong = errno.EISDIR if file.is_dir() else 0 if file.parent.is_dir() else errno.ENOENT
+        if wrong:
+            raise GatewayError(f"{option.opts[0]} {file}: cannot be written ({os.strerror(wrong)})")
+    return file
+
 
 JUnitFile = Annotated[
     Path | None, typer.Option("--junit", callback=to_be_written, help="Write the results as JUnit XML.")
@@ -144,3 +157,14 @@ def _table(titles: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator
     for row in rows:
         yield "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
     yield "</table>"
+
+
+# Tables for terminals.
+
+
+def plain_table(*titles: str, title: str | None = None, narrow: tuple[str, ...] = ()) -> Table:
+    """A table without borders that folds long texts and never cuts them. Columns in ``narrow`` are folded last."""
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
+    for name in titles:
+        table.add_column(name, overflow="fold", no_wrap=name in narrow)
+    return table

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import socket
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -23,13 +24,14 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.web.metrics import CONTENT_TYPE, exposition
 from pdgw.tools.web.parameters import states_document, telegram_document
-from pdgw.tools.web.server.guard import Guard, LargeAnswers, Token, allowed_hosts, refusal
-from pdgw.tools.web.server.server import Places
-from pdgw.tools.web.status.watch import Watch
+from pdgw.tools.web.server.guard import Guard, LargeAnswers, Token, allowed_hosts, read_token, refusal
+from pdgw.tools.web.server.server import PageServer, Places, listen, made_server
+from pdgw.tools.web.status.watch import StatusPort, Watch, log
 from pdgw.tools.web.stream import EventStream, Streams
 from pdgw.tools.web.support import RequestError, about_document, support_archive
 from pdgw.tools.web.trend import BINS_MAX, SECONDS_MAX, Traces, csv_text
@@ -272,3 +274,49 @@ def made_app(
     )
     guard = Guard(app, allowed_hosts(web), token, places, time.monotonic, secure=web.tls_cert is not None)
     return guard, interface.streams
+
+
+# ``pdgw web`` as a process: the server, the watch and, if configured, the MQTT publisher, until a signal ends it.
+
+
+def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> None:
+    """Serve the page of the gateway with this configuration until SIGINT or SIGTERM.
+
+    GatewayError when its port, token or certificate cannot be used, or when the gateway has no status port.
+    """
+    status_port = config.transport.status_port
+    if not status_port:
+        raise GatewayError("[transport] status_port = 0: the page needs the status port; set another port")
+    web = config.web
+    token = None if web.token_file is None else Token(read_token(web.token_file))
+    watch = Watch(config, StatusPort(status_port))
+    publisher = None
+    if config.mqtt is not None:
+        from pdgw.tools.web.mqtt import Publisher  # noqa: PLC0415 (of an extra of its own)
+
+        publisher = Publisher(config.mqtt, watch)
+        watch.feed.listeners.append(publisher.publish_changes)
+    server = made_page(watch, parameters, capture, token)
+    with listen(web) as port:
+        log.info("page at %s", page_address(port, tls=web.tls_cert is not None))
+        if publisher is not None:
+            publisher.start()
+        try:
+            asyncio.run(server.serve(sockets=[port]))
+        finally:
+            if publisher is not None:
+                publisher.stop()
+
+
+def made_page(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None) -> PageServer:
+    """The server of the page with its limits, not started."""
+    places = Places()
+    app, streams = made_app(watch, parameters, capture, token, places)
+    return made_server(app, streams, places, watch.config.web)
+
+
+def page_address(port: socket.socket, *, tls: bool) -> str:
+    """The address to open in a browser."""
+    host, number = port.getsockname()[:2]
+    name = f"[{host}]" if ":" in host else host
+    return f"http{'s' if tls else ''}://{name}:{number}/"

@@ -34,7 +34,6 @@ from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 from pdgw.durations import MS, SECOND, US
 from pdgw.peers.drive.model.latency import NO_LATENCY, DelayLine
-from pdgw.peers.drive.model.machine import ROTARY_AXIS, Machine
 from pdgw.peers.drive.model.mode_of_operation import (
     COAST_DECELERATION,
     SECOND_ENCODER_STEPS,
@@ -44,7 +43,7 @@ from pdgw.peers.drive.model.mode_of_operation import (
 )
 from pdgw.peers.drive.model.modes import MODES
 from pdgw.peers.drive.model.probe import TouchProbe
-from pdgw.peers.drive.model.shapes import ENGEL, Shape
+from pdgw.peers.drive.model.shapes import ENGEL, ROTARY_AXIS, Machine, Shape
 from pdgw.peers.drive.objects import DRIVE_FAULTS, OBJECTS
 
 DI1: Final = 1 << 16

@@ -1,11 +1,12 @@
-"""Variants of simulated drives: the ENGEL-like drive with other objects, units, modes, PDOs and behaviour.
+"""Variants of simulated drives, and the machines that they move.
 
-They are declared in ``shapes.toml``. The motor is always the same, with 4096 increments a revolution. The meaning of a value
-depends on the variant.
+``shapes.toml`` declares the variants: the ENGEL-like drive with other objects, units, modes, PDOs and behaviour. The motor is
+always the same, with 4096 increments a revolution. The meaning of a value depends on the variant.
 """
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -24,6 +25,8 @@ from pdgw.dsp402.drive import touch_probe
 from pdgw.dsp402.identification.overlay import Address
 from pdgw.dsp402.modes import SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, SI_UNIT_VELOCITY, SUPPORTED_DRIVE_MODES
+from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
+from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
 from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.peers import option_values
@@ -213,3 +216,39 @@ def shape(name: str) -> Shape:
         return SHAPES[name]
     except KeyError:
         raise CanopenError("shape of drive", name, ", ".join(SHAPES)) from None
+
+
+# The machine of a simulated drive, with the limits of its travel.
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """Limits of the simulated axis in increments of the machine (power-on position is 0). A shaft has none."""
+
+    negative_limit: float | None = None
+    positive_limit: float | None = None
+    negative_stop: float = -math.inf
+    positive_stop: float = math.inf
+
+    def stop(self, direction: float) -> float:
+        """The mechanical stop in a direction."""
+        return self.negative_stop if direction < 0 else self.positive_stop
+
+    def within_stops(self, position: float) -> bool:
+        """Whether the position is between the mechanical stops."""
+        return self.negative_stop < position < self.positive_stop
+
+    def switches(self, position: float) -> int:
+        """The limit switches of 60FDh at a position."""
+        inputs = 0
+        if self.negative_limit is not None and position <= self.negative_limit:
+            inputs |= NEGATIVE_LIMIT
+        if self.positive_limit is not None and position >= self.positive_limit:
+            inputs |= POSITIVE_LIMIT
+        return inputs
+
+
+ROTARY_AXIS = Machine()
+LINEAR_AXIS = Machine(-550_000, 550_000, -600_000, 600_000)
+"""A slide with limit switches 134 revolutions away on either side, and mechanical stops beyond them."""
+MACHINES = {"rotary": ROTARY_AXIS, "linear": LINEAR_AXIS}

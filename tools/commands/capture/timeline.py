@@ -11,7 +11,7 @@ import typer
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.options import Config, Files, Nodes, Offset, Station, Telegrams
-from pdgw.tools.output.files import to_be_written
+from pdgw.tools.output.reports import to_be_written
 
 if TYPE_CHECKING:
     from pdgw.tools.recording.recordings import Opening, Part

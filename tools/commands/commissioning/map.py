@@ -153,7 +153,7 @@ def _tables(tables: Sequence[tuple[str, Sequence[tuple[str, int, Place]]]], widt
     """Format tables with a title. A row has the owner of a value, its byte offset and its name."""
     from rich.console import Console
 
-    from pdgw.tools.output.files import plain_table
+    from pdgw.tools.output.reports import plain_table
 
     console = Console(file=io.StringIO(), width=width or Console().width)
     for title, rows in tables:

@@ -76,7 +76,7 @@ def _progress(what: str) -> Iterator[Progress | None]:
 def _print_table(titles: Sequence[str], rows: Iterable[Sequence[RenderableType | None]]) -> None:
     from rich.console import Console
 
-    from pdgw.tools.output.files import plain_table
+    from pdgw.tools.output.reports import plain_table
 
     table = plain_table(*titles)
     for row in rows:

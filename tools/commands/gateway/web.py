@@ -53,7 +53,7 @@ def web(
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
         try:
-            from pdgw.tools.web.page_process import serve
+            from pdgw.tools.web.app import serve
 
             serve(chosen, PageParameters(_record_channel(chosen)), captured)
         except ModuleNotFoundError as error:

@@ -22,8 +22,7 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.tools.options import end_as_by_ctrl_c, only_with, parse_address, read_keys, send_command, telegrams_of_axes
-from pdgw.tools.output.files import to_be_written
-from pdgw.tools.output.reports import HtmlFile, JUnitFile
+from pdgw.tools.output.reports import HtmlFile, JUnitFile, to_be_written
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -40,7 +39,7 @@ _SILENCE_NS = 2 * SECOND
 
 def results_table(results: list[Result]) -> Table:
     """A table of all expectations with pass or fail."""
-    from pdgw.tools.output.files import plain_table
+    from pdgw.tools.output.reports import plain_table
 
     grid = plain_table("step", "axis", "expectation", "measured", "after", "")
     for item in results:
