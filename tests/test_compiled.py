@@ -91,7 +91,7 @@ def _named(base: ast.expr) -> str:
 
 
 def test_the_build_under_test_is_the_one_asked_for() -> None:
-    from pdgw.gateway.service.build import kind  # noqa: PLC0415
+    from pdgw.gateway.identity import kind  # noqa: PLC0415
 
     asked = any("compiled" in Path(entry).parts for entry in sys.path)
     assert kind() == ("compiled" if asked else "pure Python")

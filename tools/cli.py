@@ -36,7 +36,7 @@ class _Options:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from pdgw.gateway.service.build import build_text  # noqa: PLC0415 (looks into the installed package's metadata)
+        from pdgw.gateway.identity import build_text  # noqa: PLC0415 (looks into the installed package's metadata)
 
         typer.echo(f"pdgw {build_text()}")
         raise typer.Exit

@@ -16,13 +16,13 @@ from pdgw.dsp402.states import state_of
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.identity import interpreter, kind
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_chain import notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
-from pdgw.gateway.service.build import interpreter, kind
 from pdgw.gateway.service.causes import causes, who
 from pdgw.gateway.store import units_text
 from pdgw.profidrive.signal_text import Rated, scale, texts

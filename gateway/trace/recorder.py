@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Final
 from pdgw.durations import SECOND, US
 from pdgw.gateway.configuration.file import public_config
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.identity import build_text
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.service.build import build_text
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.place import PREVIOUS, SUFFIX, locked
 from pdgw.gateway.trace.steps import StepRecord, to_json

@@ -15,7 +15,7 @@ import pytest
 
 from pdgw.durations import MS
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.service.build import COMPILED, kind
+from pdgw.gateway.identity import COMPILED, kind
 from pdgw.peers.world import Plc
 from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.frames.engine import Decoder, Settings, given_axes

@@ -16,8 +16,8 @@ import pytest
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.identity import COMPILED, PURE, beyond_measured
 from pdgw.gateway.service import operating_system
-from pdgw.gateway.service.build import COMPILED, PURE, beyond_measured
 from pdgw.gateway.service.operating_system import DEFAULT_PRIORITY, ServiceManager
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import axis, configuration, world_of

@@ -18,10 +18,10 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.values import FaultRecord, gateway_fault
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.identity import build_text
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason, warning_bits
-from pdgw.gateway.service.build import build_text
 from pdgw.gateway.service.cycle_times import Histogram
 from pdgw.gateway.service.operating_system import ServiceManager
 from pdgw.gateway.service.status import StatusServer, answered, axis_status, encoder_status, snapshot

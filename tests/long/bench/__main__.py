@@ -18,7 +18,7 @@ from importlib.metadata import version
 from rich.console import Console
 from rich.table import Table
 
-from pdgw.gateway.service.build import interpreter, kind
+from pdgw.gateway.identity import interpreter, kind
 from pdgw.tools.demo import namespaces
 from tests.long.bench import decoding, exchange, profinet, stops
 

@@ -104,9 +104,9 @@ def run(
     """
     from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.configuration.file import load_config, simulated
+    from pdgw.gateway.identity import beyond_measured, build_text
     from pdgw.gateway.last_words import kept_last_words
     from pdgw.gateway.service import operating_system
-    from pdgw.gateway.service.build import beyond_measured, build_text
     from pdgw.gateway.trace.place import run_directory
     from pdgw.tools.service.child_processes import device_processes, page_process, trace_keeper
     from pdgw.tools.service.run_log import RunLog, on_signals
