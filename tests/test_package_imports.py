@@ -336,7 +336,7 @@ def test_canopen_packages_have_no_profidrive_terms(room: str) -> None:
 
 
 def test_search_finds_existing_imports() -> None:
-    assert "pdgw.peers.simulation.console" in imports(ROOT / "tools" / "commands" / "simulation" / "drive.py")
+    assert "pdgw.peers.simulation.console" in imports(ROOT / "tools" / "commands" / "simulation" / "devices.py")
 
 
 def test_pydantic_errors_are_worded_in_one_place() -> None:

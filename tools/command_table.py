@@ -115,7 +115,7 @@ COMMANDS: Mapping[str, Entry] = {
         "Show why axes are not in operation and one line for each axis; with an axis number, all details of that axis.",
     ),
     "explain": Entry(
-        "gateway.explain:explain", "Show what happened around the last fault or stop, in at most ten lines."
+        "gateway.status:explain", "Show what happened around the last fault or stop, in at most ten lines."
     ),
     "trace": Entry(
         "gateway.trace:app", "Save or list recordings of the flight recorder: the last minutes of both buses."
@@ -134,7 +134,7 @@ COMMANDS: Mapping[str, Entry] = {
         "Merge captures of both buses: each command of the PLC with its result, its duration and the reason if it had no effect.",
     ),
     "replay": Entry(
-        "capture.replay:replay",
+        "capture.timeline:replay",
         "Run a recording through this version of the gateway; exit status 1 if it decides or sends something else.",
     ),
     "drives": Entry(
@@ -155,20 +155,20 @@ SIM_COMMANDS: Mapping[str, Entry] = {
         "Simulate a PLC with a scenario (exit status 1 if an expectation fails) or the keyboard.",
     ),
     "drive": Entry(
-        "simulation.drive:drive",
+        "simulation.devices:drive",
         "Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
     ),
     "encoder": Entry(
-        "simulation.encoder:encoder",
+        "simulation.devices:encoder",
         "Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
     ),
     "bus": Entry(
-        "simulation.drive:bus",
+        "simulation.devices:bus",
         "Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; "
         "--serve opens the bus too.",
     ),
     "inject": Entry(
-        "simulation.drive:inject",
+        "simulation.devices:inject",
         "Send a command to running simulated devices, for example a fault.",
     ),
 }

@@ -24,12 +24,12 @@ from pdgw.tools.client import session
 from pdgw.tools.commands.commissioning import config
 from pdgw.tools.commands.gateway import param, status
 from pdgw.tools.commands.gateway import run as daemon
-from pdgw.tools.commands.simulation import drive as sim_drive
+from pdgw.tools.commands.simulation import devices as sim_devices
 from pdgw.tools.commands.simulation import plc as sim_plc
 from pdgw.tools.service import run_log
 from tests.support.buses import PATIENCE_S
 
-LOADED = (config, param, sim_drive, sim_plc, status, daemon, assembly, client, file, run_log, console, session)
+LOADED = (config, param, sim_devices, sim_plc, status, daemon, assembly, client, file, run_log, console, session)
 """Commands load what they need when they are called: these have it before they are forked."""
 
 

@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.gateway.service.status_client import fetch
-from pdgw.tools.commands.capture.replay import replay
-from pdgw.tools.commands.capture.timeline import timeline
+from pdgw.tools.commands.capture.timeline import replay, timeline
 from pdgw.tools.recording.recorder import CAPTURE
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw

@@ -11,8 +11,7 @@ import typer
 
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.commands.capture.replay import replay
-from pdgw.tools.commands.capture.timeline import timeline
+from pdgw.tools.commands.capture.timeline import replay, timeline
 from pdgw.tools.decoder.capture.pcap import CaptureError
 from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.timeline.builder import NO_STEPS

@@ -16,7 +16,7 @@ from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.service import status_client
 from pdgw.gateway.service.status import answered, explanation, snapshot
 from pdgw.profidrive.words import unswapped
-from pdgw.tools.commands.gateway import explain as command
+from pdgw.tools.commands.gateway import status as command
 from pdgw.tools.output.status_text import Health, cause_sentence, check_line, object_lines, status_lines
 from tests.conformance.rig import COMPLETE
 from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS

@@ -1,4 +1,4 @@
-"""``pdgw sim drive`` and ``pdgw sim bus``: simulate devices on any python-can bus, with faults chosen at run time.
+"""``pdgw sim drive``, ``encoder`` and ``bus``: simulate devices on any python-can bus. Their faults are chosen at run time.
 
 ``pdgw sim inject`` sends commands to running ones.
 """
@@ -11,18 +11,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pdgw.dsp406.kinds import DEVICES, ROTARY
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.option_values import BUS_PORT, CONSOLE_COMMANDS, ENGEL, SHAPES
+from pdgw.peers.option_values import BUS_PORT, CONSOLE_COMMANDS, ENGEL, MOTIONS, SHAPES
 from pdgw.tools.options import ControlPort, send_command
 
 if TYPE_CHECKING:
     from pdgw.peers.bus import ServedBus
 
+Interface = Annotated[str, typer.Option(help="python-can interface.")]
+Channel = Annotated[str, typer.Option(help="Channel of the interface.")]
+BitRate = Annotated[int | None, typer.Option(help="Bit rate.")]
+
 
 def drive(
-    interface: Annotated[str, typer.Option(help="python-can interface.")] = "virtual",
-    channel: Annotated[str, typer.Option(help="Channel of the interface.")] = "pdgw",
-    bitrate: Annotated[int | None, typer.Option(help="Bit rate.")] = None,
+    interface: Interface = "virtual",
+    channel: Channel = "pdgw",
+    bitrate: BitRate = None,
     node_id: Annotated[
         list[int] | None, typer.Option(min=1, max=126, help="Node-ID; repeat for several drives.")
     ] = None,
@@ -38,6 +43,32 @@ def drive(
 
     control = ControlConfig(port=control_port)
     run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drive", like=like, axis=axis)
+
+
+def encoder(
+    interface: Interface = "virtual",
+    channel: Channel = "pdgw",
+    bitrate: BitRate = None,
+    node_id: Annotated[
+        list[int] | None, typer.Option(min=1, max=126, help="Node-ID; repeat for several encoders.")
+    ] = None,
+    model: Annotated[str, typer.Option(help=f"One of {', '.join(DEVICES)}.")] = ROTARY.name,
+    channels: Annotated[
+        int | None, typer.Option(help="Channels of a multi-sensor encoder, 1..254.", show_default=False)
+    ] = None,
+    motion: Annotated[
+        list[str] | None,
+        typer.Option(help=f"{MOTIONS}; repeat for further channels. In revolutions, for linear encoders in mm."),
+    ] = None,
+    control_port: ControlPort = 0,
+) -> None:
+    """Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
+    from pdgw.peers.simulation.config import ControlConfig
+    from pdgw.peers.simulation.console import run_nodes
+
+    control = ControlConfig(port=control_port)
+    options = {"model": model, "channels": channels, "motion": motion or ()}
+    run_nodes("encoder", (interface, channel, bitrate), node_id or [1], control, f"{model} encoder", **options)
 
 
 def bus(
