@@ -141,7 +141,7 @@ COMMANDS: Mapping[str, Entry] = {
         "commissioning.drives:drives",
         "List the known drive families, show one, or check EDS and DCF files and list their repairs.",
     ),
-    "sim": Entry("simulation.sim:app", "Simulate a PLC, drives, encoders or a bus of devices."),
+    "sim": Entry("simulation.devices:app", "Simulate a PLC, drives, encoders or a bus of devices."),
     "demo": Entry(
         "simulation.demo:demo",
         "Run a PLC, the gateway and simulated drives in chapters; report every expectation as pass or fail.",

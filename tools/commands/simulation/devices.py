@@ -1,6 +1,6 @@
 """``pdgw sim drive``, ``encoder`` and ``bus``: simulate devices on any python-can bus. Their faults are chosen at run time.
 
-``pdgw sim inject`` sends commands to running ones.
+``pdgw sim inject`` sends commands to running ones. The group ``sim`` is here too.
 """
 
 from __future__ import annotations
@@ -14,14 +14,24 @@ import typer
 from pdgw.dsp406.kinds import DEVICES, ROTARY
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.option_values import BUS_PORT, CONSOLE_COMMANDS, ENGEL, MOTIONS, SHAPES
+from pdgw.tools.command_table import SIM_COMMANDS, lazy_group
 from pdgw.tools.options import ControlPort, send_command
 
 if TYPE_CHECKING:
     from pdgw.peers.bus import ServedBus
 
+app = typer.Typer(
+    cls=lazy_group(SIM_COMMANDS), help="Simulate a PLC, drives, encoders or a bus of devices.", no_args_is_help=True
+)
+
 Interface = Annotated[str, typer.Option(help="python-can interface.")]
 Channel = Annotated[str, typer.Option(help="Channel of the interface.")]
 BitRate = Annotated[int | None, typer.Option(help="Bit rate.")]
+
+
+@app.callback()
+def sim() -> None:
+    """Simulate a PLC, drives, encoders or a bus of devices."""
 
 
 def drive(
