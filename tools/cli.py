@@ -10,7 +10,6 @@ import io
 import os
 import re
 import sys
-from collections.abc import Mapping
 from typing import Annotated, Final, NoReturn
 
 import typer
@@ -19,29 +18,38 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import printable
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.command_table import COMMANDS, Entry, lazy_group
+from pdgw.tools.command_table import COMMANDS, lazy_group
 from pdgw.tools.options import INTERRUPTED
 
 _NO_MORE_OUTPUT: Final = (errno.ENOSPC, errno.EIO, errno.EPIPE)
 """Errors of standard output: the disk is full, or the reader has closed the pipe."""
 
-
 _OWN_SEQUENCES = re.compile(r"(\x1b\[(?:[0-9;]*[A-HJKm]|\?(?:25|1049)[hl]))")
 """Colours and the cursor movements of tables that are drawn again."""
+
+app = typer.Typer(
+    name="pdgw",
+    cls=lazy_group(COMMANDS),
+    help="PROFIdrive-to-CANopen gateway: daemon, simulators, decoder and tools.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
 
 
 class _Options:
     debug = False
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from pdgw.gateway.identity import build_text  # noqa: PLC0415 (looks into the installed package's metadata)
 
         typer.echo(f"pdgw {build_text()}")
         raise typer.Exit
 
 
+@app.callback()
 def options(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
     _version: Annotated[
@@ -52,34 +60,14 @@ def options(
     _Options.debug = debug
 
 
-def command_line(name: str, commands: Mapping[str, Entry], about: str, *, completion: bool = False) -> typer.Typer:
-    """Build a program from a table of commands, with the options before a command."""
-    made = typer.Typer(
-        name=name,
-        cls=lazy_group(commands),
-        help=about,
-        context_settings={"help_option_names": ["-h", "--help"]},
-        no_args_is_help=True,
-        add_completion=completion,
-        pretty_exceptions_enable=False,
-    )
-    made.callback()(options)
-    return made
-
-
-app = command_line(
-    "pdgw", COMMANDS, "PROFIdrive-to-CANopen gateway: daemon, simulators, decoder and tools.", completion=True
-)
-
-
-def main(commands: typer.Typer | None = None) -> None:
-    """Run a command line, by default that of ``pdgw``. An error that the user can correct is printed as one line."""
+def main() -> None:
+    """Run the command line. An error that the user can correct is printed as one line."""
     _open_missing_streams()
     _replace_unknown_characters()
     _guard_terminal()
     try:
         try:
-            (commands or app)()
+            app()
         finally:
             sys.stdout.flush()
     except (GatewayError, CanopenError, ProfidriveError) as error:

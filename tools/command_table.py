@@ -63,16 +63,15 @@ class Group(_Careful, TyperGroup):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A row of the table: ``target`` is ``module:name`` in ``package`` and names a function or a group."""
+    """A row of the table: ``target`` is ``module:name`` in ``pdgw.tools.commands`` and names a function or a group."""
 
     target: str
     help: str
-    package: str = "pdgw.tools.commands"
 
     def load(self, name: str) -> Any:
         """Import the module and make the command."""
         module, _, attribute = self.target.partition(":")
-        found = getattr(import_module(f"{self.package}.{module}"), attribute)
+        found = getattr(import_module(f"pdgw.tools.commands.{module}"), attribute)
         gc.enable()
         holder = typer.Typer(add_completion=False)
         holder.callback()(lambda: None)  # makes it a group even with a single command

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from subprocess import CompletedProcess
 from unittest.mock import patch
@@ -14,10 +13,6 @@ from pdgw.tools.cli import main
 
 def pdgw(*arguments: str, text: str | None = None) -> CompletedProcess[str]:
     """Run a command of ``pdgw`` to its end; ``text`` is its standard input."""
-    return _run(main, arguments, text)
-
-
-def _run(program: Callable[[], None], arguments: tuple[str, ...], text: str | None) -> CompletedProcess[str]:
     output, errors = io.StringIO(), io.StringIO()
     status = 0
     with (
@@ -27,7 +22,7 @@ def _run(program: Callable[[], None], arguments: tuple[str, ...], text: str | No
         redirect_stderr(errors),
     ):
         try:
-            program()
+            main()
         except SystemExit as end:
             status = end.code if isinstance(end.code, int) else int(end.code is not None)
     return CompletedProcess(["pdgw", *arguments], status, output.getvalue(), errors.getvalue())
