@@ -15,7 +15,7 @@ from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_A
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.peers.drive.model.shapes import FAMILY
 from pdgw.profidrive.telegrams import telegram
-from tests.support.documents.word_positions import word_positions
+from tests.support.documents.profile_numbers import word_positions
 
 PUBLISHED = (Path(__file__).parent / "support/documents/published_tables.md").read_text(encoding="utf-8")
 _INDEX = re.compile(r"\b([0-9A-F]{4})h(?:/(\d))?")

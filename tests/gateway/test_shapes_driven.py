@@ -24,7 +24,7 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.tools.client.session import Session
-from tests.support.documents.sensor_format import decode_sensor_format
+from tests.support.documents.profile_numbers import decode_sensor_format
 from tests.support.drives.drive_types import described
 from tests.support.gateways.daemon import (
     OFF,

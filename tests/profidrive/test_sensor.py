@@ -10,7 +10,7 @@ from pdgw.profidrive.encoder import PARKED_NS, SensorError, SensorInterface, Sen
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.measuring import Measuring, SensorFormat, encode_sensor_format
 from pdgw.profidrive.signals import signal
-from tests.support.documents.sensor_format import decode_sensor_format
+from tests.support.documents.profile_numbers import decode_sensor_format
 
 ON_THE_FLY, ACTIVATE, READ, ABORT = 0x80, 0x10, 0x20, 0x30
 ACKNOWLEDGE, PARK = 0x8000, 0x4000

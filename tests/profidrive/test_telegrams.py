@@ -15,7 +15,7 @@ from pdgw.profidrive.scapy_layers import telegram_layer
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, SIGNALS, Signal, signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Direction, Telegram, TelegramHalf, likeliest, telegram
 from tests.support.axis.strategies import directions, half_values, telegrams
-from tests.support.documents.word_positions import word_positions
+from tests.support.documents.profile_numbers import word_positions
 
 WORDS = {1: (2, 2), 2: (4, 4), 3: (5, 9), 7: (2, 2), 9: (10, 5), 20: (2, 6), 100: (19, 17)}
 ENCODER_WORDS = {81: (2, 6), 82: (2, 7), 83: (2, 8), 84: (2, 10)}

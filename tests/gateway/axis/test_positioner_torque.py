@@ -29,7 +29,7 @@ from tests.gateway.axis.test_positioner_handshake import (
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig
-from tests.support.documents.word_positions import word_positions
+from tests.support.documents.profile_numbers import word_positions
 from tests.support.gateways.daemon import axis
 
 PRESSING = replace(CHOICES, blocks=(Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250),))

@@ -14,8 +14,8 @@ from tests.gateway.axis.test_velocity import Bench
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig
 from tests.support.documents.parts import read_part
+from tests.support.documents.profile_numbers import word_positions
 from tests.support.documents.statements import PLACE, statement, statement_table
-from tests.support.documents.word_positions import word_positions
 
 PROFILE = "profile 4.1, general state diagram"
 MANUALS = "drive manuals (STW1, ZSW1)"

@@ -17,7 +17,7 @@ from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import signal
 from tests.gateway.objects.test_encoders import G1, encoder
 from tests.support import buses
-from tests.support.documents.sensor_format import decode_sensor_format
+from tests.support.documents.profile_numbers import decode_sensor_format
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, exchanging, serving, until
 
 HOME_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask

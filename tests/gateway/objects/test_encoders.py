@@ -19,7 +19,7 @@ from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
 from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.output.status_text import status_lines
-from tests.support.documents.sensor_format import decode_sensor_format
+from tests.support.documents.profile_numbers import decode_sensor_format
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, running, serving, until
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pdgw.tools.command_table import COMMANDS
-from tests.long.documents.markdown import table
+from tests.support.documents.parts import table
 
 COMMANDS_PATH: Final = Path(__file__).parents[3] / "docs" / "commands.md"
 _GUIDES: Final[Mapping[str, str]] = {

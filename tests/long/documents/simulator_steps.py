@@ -17,7 +17,7 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import ACTIONS, Step, examples
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
-from tests.long.documents.markdown import numbers, table
+from tests.support.documents.parts import numbers, table
 
 _CYCLE_NS = USUAL_CYCLE_MS * MS
 _OF_A_TELEGRAM = frozenset({"set", "expect"})

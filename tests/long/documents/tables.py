@@ -43,11 +43,10 @@ from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from tests.conformance.fault_cases import DRIVE_CASES, ENCODER_CASES, Case, Device
 from tests.long.documents import package_picture
-from tests.long.documents.markdown import table
 from tests.long.documents.simulator_steps import generate_steps
-from tests.support.documents.parts import write_part
+from tests.support.documents.parts import table, write_part
+from tests.support.documents.profile_numbers import word_positions
 from tests.support.documents.sources import ROOMS
-from tests.support.documents.word_positions import word_positions
 
 _ROOT = Path(__file__).parents[3]
 _DOCS = _ROOT / "docs"

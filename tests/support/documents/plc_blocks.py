@@ -9,7 +9,7 @@ from pdgw.profidrive.telegrams import TELEGRAMS
 from pdgw.tools.plc.code import has_axis, motion_blocks
 from pdgw.tools.plc.declarations import Declared, declarations
 from pdgw.tools.plc.library import axis_block, block_name, telegram_block, template
-from tests.long.documents.markdown import numbers, table
+from tests.support.documents.parts import numbers, table
 
 _DOCS = Path(__file__).parents[3] / "docs"
 BLOCKS_PATH = _DOCS / "plc-blocks.md"

@@ -18,8 +18,24 @@ from pdgw.durations import MS, SECOND
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.gateway.links.profinet.test_link import Rig
-from tests.support.wire.dcp import ALIAS, GET, IDENTIFY, MULTICAST, NAME, PERMANENT, SET, TEMPORARY, dcp_frame, encoded
-from tests.support.wire.profinet import DEVICE_IP, DEVICE_MAC, PLC_MAC, PORT_CHECK, Wire, project
+from tests.support.wire.profinet import (
+    ALIAS,
+    DEVICE_IP,
+    DEVICE_MAC,
+    GET,
+    IDENTIFY,
+    MULTICAST,
+    NAME,
+    PERMANENT,
+    PLC_MAC,
+    PORT_CHECK,
+    SET,
+    TEMPORARY,
+    Wire,
+    dcp_frame,
+    encoded,
+    project,
+)
 
 IP_SUITE, RESET, FACTORY_RESET, SIGNAL, ALL = (1, 2), (5, 6), (5, 5), (5, 3), (0xFF, 0xFF)
 OK, OPTION, SUBOPTION, VALUE, IN_OPERATION = 0, 1, 2, 3, 6

@@ -31,8 +31,18 @@ from pdgw.profinet.station import Identity, Medium, Station
 from tests.support.gateways.daemon import axis, drive_of
 from tests.support.gateways.profinet_daemon import OFF, ON, Plant, configuration, plant
 from tests.support.readers import tshark, tshark_frames
-from tests.support.wire.dcp import ALIAS, IDENTIFY, MULTICAST, NAME, PERMANENT, SET, dcp_frame, encoded
-from tests.support.wire.profinet import DEVICE_MAC, IDENTITY
+from tests.support.wire.profinet import (
+    ALIAS,
+    DEVICE_MAC,
+    IDENTIFY,
+    IDENTITY,
+    MULTICAST,
+    NAME,
+    PERMANENT,
+    SET,
+    dcp_frame,
+    encoded,
+)
 
 # -- an interface that is not available ---------------------------------------------------------------------------
 

@@ -1,10 +1,11 @@
-"""P979 read as the profile's table has it, with its numbers: not those of the product's declaration."""
+"""Numbers as the tables of the profile have them: sensors of P979, words of a telegram. The declarations have their own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from pdgw.profidrive.measuring import SensorFormat
+from pdgw.profidrive.telegrams import TelegramHalf
 
 
 def decode_sensor_format(elements: Sequence[int]) -> tuple[SensorFormat, ...]:
@@ -23,3 +24,16 @@ def decode_sensor_format(elements: Sequence[int]) -> tuple[SensorFormat, ...]:
             )
         )
     return tuple(sensors)
+
+
+# The words of a telegram as the standard numbers them.
+
+
+def word_positions(half: TelegramHalf) -> tuple[int, ...]:
+    """First word number (counted from 1, as in the standard) of every signal."""
+    positions = []
+    word = 1
+    for item in half.signals:
+        positions.append(word)
+        word += item.words
+    return tuple(positions)
