@@ -204,7 +204,7 @@ def test_a_call_does_not_overtake_the_frame_that_waits(rig: PairedRig) -> None:
 
 def test_frames_behind_changed_orders_do_not_stay_one_cycle_late(tmp_path: Path) -> None:
     """The gateway was held up while the control word changed several times: all frames are used by the next cycle."""
-    with plant(configuration(axis(1), tmp_path / "store.json")) as site:
+    with plant(configuration(axis(1), tmp_path / "store.json", transport="watchdog_factor = 75")) as site:
         site.connect()
         site.enable(1, 0x1000)
         site.run(SECOND)
@@ -218,6 +218,6 @@ def test_frames_behind_changed_orders_do_not_stay_one_cycle_late(tmp_path: Path)
             assert frame is not None
             site.port.real_time.append(bytes(frame))
         site.loop._now += len(words) * 4 * MS
-        site.run(3 * MS)
+        site.run(4 * MS)
         assert not site.port.real_time
         assert site.link.setpoints[0] == (OFF, 0x1000)
