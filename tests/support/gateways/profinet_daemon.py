@@ -32,6 +32,8 @@ from tests.support.wire.ethernet import FakeEthernet
 from tests.support.wire.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 
 _TURN_NS = MS // 4
+_LONGEST_TURN_NS = MS
+"""The controller of a plant computes when it is due, at these intervals."""
 OFF, ON = 0x047E, 0x047F
 _PATIENCE = 20 * SECOND
 
@@ -98,7 +100,9 @@ class Plant:
                 self.plc.on_frame(sent, now)
             else:
                 self.plc.on_datagram(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
-        self.loop.call_later(_TURN_NS, self._turn)
+        due = self.plc.next_deadline()
+        longest = now + _LONGEST_TURN_NS
+        self.loop.call_at(longest if due is None else min(longest, max(now + _TURN_NS, due)), self._turn)
 
     def _keep(
         self,
