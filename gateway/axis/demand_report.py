@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.gateway.motion.requests import PositionerRequest, PositionerResult
+from pdgw.gateway.motion.requests import NOTHING, PositionerRequest, PositionerResult
 from pdgw.profidrive.encoder import SENSOR_STATUS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 
@@ -94,8 +94,8 @@ class Demand:
         """Gain of XERR in 0.001/s; 0: no position control by the drive."""
         self.torque_reduction = 0
         """Reduction of the torque limit, as a fraction (N2); 0 or below: nothing."""
-        self.motion: PositionerRequest | None = None
-        """Request to a positioner: always the same object, None in telegrams without one."""
+        self.motion: PositionerRequest = NOTHING
+        """Request to a positioner."""
         self.raw: Sequence[int] | None = None
         """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
         self.sensor: int | None = None

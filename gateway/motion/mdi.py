@@ -83,10 +83,10 @@ class MdiPositioner(Positioner):
         course.look(False)
         if request.commands != self._commands or self._edges:
             self._find_edges()
-        if self._state is _BRAKING and request.operating:
+        if self._state is _BRAKING and self.seen.operating:
             self._take_while_braking(request)
         accepts = request.commands & _DO_NOT_REJECT != 0
-        calm = request.operating and accepts and not self._edges
+        calm = self.seen.operating and accepts and not self._edges
         self._take_transition(calm)
         if self._state is not _HOMING:
             course.follow(request, now)
@@ -141,7 +141,7 @@ class MdiPositioner(Positioner):
             self._warn(Reason.LOST_HOMING)
         if not self._drive.require_homing(edge=edge and accepts):
             return False
-        self.homing = (request.homing_method, request.velocity)
+        self.homing = (request.number, request.velocity)
         return True
 
     def _homes(self) -> bool:

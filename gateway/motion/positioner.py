@@ -144,8 +144,8 @@ class Positioner:
     def _events(self) -> dict[Event, Callable[[], int]]:
         """The checks of the events."""
         return {
-            Event.NOT_OPERATING: lambda: not self.request.operating,
-            Event.OPERATING: lambda: self.request.operating,
+            Event.NOT_OPERATING: lambda: not self.seen.operating,
+            Event.OPERATING: lambda: self.seen.operating,
             Event.REJECTED: lambda: not self.request.commands & _DO_NOT_REJECT,
             Event.TASK_REFUSED: lambda: self._pending is not None and self._pending.refusal is not None,
             Event.MDI: lambda: self._pending is not None and self._pending.event is Event.MDI,
@@ -221,11 +221,11 @@ class Positioner:
         if self._owed:
             self._show_acknowledge()
         course.look(commands & _SOFTWARE_LIMITS != 0 and result.home_set)
-        if commands != self._commands or request.operating is (self._state is _OFF):
-            self._read_request(request)
+        if commands != self._commands or self.seen.operating is (self._state is _OFF):
+            self._read_request()
         if (commands & HOME or self._probe_requested) and self._state is not _OFF:
             self._home_on_the_fly()
-        calm = request.operating and commands & _DO_NOT_REJECT != 0 and self._pending is None
+        calm = self.seen.operating and commands & _DO_NOT_REJECT != 0 and self._pending is None
         self._take_transition(calm)
         if self._chain.block is not None:
             self._chain.look_ahead()
@@ -247,14 +247,15 @@ class Positioner:
 
     # -- inputs ---------------------------------------------------------------------------------------------------------
 
-    def _read_request(self, request: PositionerRequest) -> None:
+    def _read_request(self) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
         self._find_edges()
-        if not request.operating:
+        operating, commands = self.seen.operating, self.request.commands
+        if not operating:
             self._commands &= ~RISING
-        commands, accepts = request.commands, request.commands & _DO_NOT_REJECT
+        accepts = commands & _DO_NOT_REJECT
         jogs = commands & _JOGS
-        allowed = request.operating and accepts and jogs != _JOGS
+        allowed = operating and accepts and jogs != _JOGS
         self._armed = _JOGS & ~jogs | (self._armed if allowed else 0)
         if not accepts:
             self._pending = None
@@ -299,7 +300,7 @@ class Positioner:
         refusal: Reason | None = None
         if not commands & _MDI_SELECTED:
             event = _BLOCK_TASK
-            refusal = self._chain.refusal(request.block)
+            refusal = self._chain.refusal(request.number)
         else:
             event = _SETTING_UP_TASK if commands & _SETTING_UP_SELECTED else _MDI_TASK
             if not velocity:
@@ -313,7 +314,7 @@ class Positioner:
             elif not self._course.in_range(target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
         how, ramps = commands & (_ABSOLUTE | DIRECTIONS), (request.acceleration, request.deceleration)
-        return _Task(event, refusal, request.block, how, target, velocity, *ramps, direction)
+        return _Task(event, refusal, request.number, how, target, velocity, *ramps, direction)
 
     def _changed(self) -> bool:
         """Continuous update: values other than those in force, while STW1.6 = 1."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Final
 
 from pdgw.gateway.motion.blocks import Block
@@ -131,7 +131,7 @@ class MessageWord:
 #
 # Positions are LU, speeds 1000 LU/min, accelerations and the override N2 fractions (4000h = 100 %). ``PositionerRequest`` has
 # the user's coordinates; ``PositionerFeedback`` and ``Motion`` have those of the drive, which differ by the offset of the
-# reference point. Each axis has one object of each and changes it in place.
+# reference point.
 
 
 FULL = N2_100_PERCENT
@@ -173,18 +173,16 @@ _DIRECTION: Final[dict[int, Direction]] = {
 }
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, unsafe_hash=True)
 class PositionerRequest:
-    """What the PLC requests."""
+    """What the PLC requests. Replaced, never changed."""
 
-    operating: bool = False
-    """Operation is enabled, and a PLC in control requests it."""
     commands: int = 0
     """Bits of ``Command``."""
+    number: int = 0
+    """Of the traversing block; in telegram 9, whose positions, speeds and ramps are fractions of references (4000 0000h =
+    100 %), the homing method."""
     to_fixed_stop: bool = False
-    block: int = 0
-    homing_method: int = 0
-    """Homing method of telegram 9, whose positions, speeds and ramps are fractions of references (4000 0000h = 100 %)."""
     override: int = FULL
     """0..7FFFh; what the PLC sends below 0 is 0."""
     target: int = 0
@@ -199,14 +197,9 @@ class PositionerRequest:
         """The requested direction; SHORTEST with none of its bits, and with both."""
         return _DIRECTION.get(self.commands & DIRECTIONS, Direction.SHORTEST)
 
-    def forget(self) -> None:
-        """Clear all commands."""
-        for item in fields(self):
-            setattr(self, item.name, item.default)
-
 
 NOTHING: Final = PositionerRequest()
-"""No commands; never changed."""
+"""No commands."""
 
 
 class HomingResult(enum.Enum):
@@ -225,6 +218,8 @@ class PositionerFeedback:
     motion has 2.
     """
 
+    operating: bool = False
+    """Operation is enabled, and a PLC in control requests it."""
     position: int = 0
     standstill: bool = True
     stopped: bool = True

@@ -102,11 +102,11 @@ def test_override_above_100_percent_keeps_the_task() -> None:
 def test_block_moves_at_100_percent_only(velocity: int) -> None:
     first = Block(1, 4000, ONLY, next=BlockNext.FLYING)
     rig = positioner(first, Block(2, 8000, velocity), Block(3, mode=BlockMode.ENDLESS_POSITIVE, velocity=300))
-    move(rig, mdi=False, block=1)
+    move(rig, mdi=False, number=1)
     rig.settle()
     reached = velocity == ONLY
     assert (rig.position, rig.result.reason) == ((8000, None) if reached else (4000, Reason.TASK_VELOCITY))
-    move(rig, block=3)
+    move(rig, number=3)
     rig.step(20)
     assert rig.speed, "an endless block is no task to a position"
 

@@ -11,7 +11,15 @@ from pdgw.gateway.axis.adapters.adapter import Adapter, ControlWordAdapter
 from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.requests import Command, MotionKind, PositionerChoices, PositionerRequest, PositionerResult
+from pdgw.gateway.motion.requests import (
+    FULL,
+    NOTHING,
+    Command,
+    MotionKind,
+    PositionerChoices,
+    PositionerRequest,
+    PositionerResult,
+)
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType
@@ -71,18 +79,16 @@ class PositionerAdapter(ControlWordAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self.request = PositionerRequest()
+        self.request = NOTHING
         self._last: Sequence[int] | None = None
-        self._controls: tuple[int, ...] = ()
-        """The control words whose bits are in the request."""
+        """The setpoints that are in the request; None without control."""
         words = [item for item in telegram.setpoints.signals if item.name in _CONTROL_WORDS]
         self._words: Callable[[Sequence[int]], tuple[int, ...]] = itemgetter(
             *(self.setpoint(item.name) for item in words)
         )
         fields = [(place, bit) for place, item in enumerate(words) for bit in item.fields(positioning=True)]
         self._commands = [(place, bit.mask, _COMMANDS[bit.name]) for place, bit in fields if bit.name in _COMMANDS]
-        self._block = next((field for field in fields if field[1].name == "BLOCK"), None)
-        self._method = next((field for field in fields if field[1].name == "HOMING_METHOD"), None)
+        self._number = next(field for field in fields if field[1].name in {"BLOCK", "HOMING_METHOD"})
         watched = any(bit.name == "SOFTWARE_LIMITS" for _, bit in fields)
         self._always = 0 if watched else _LIMITS
         """Limits have no bit in telegrams 7, 9 and 110: they are watched as soon as they are known."""
@@ -91,39 +97,29 @@ class PositionerAdapter(ControlWordAdapter):
         word = None if setpoints is None else setpoints[self.stw1]
         if word != self.word:
             self.take(word, demand)
-        demand.motion = self.request
+        request, last = self.request, self._last
         if setpoints is None or not demand.in_control:
-            if self._last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
+            if last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
                 self._last = None
-                self._controls = ()
-                kept = self.request.commands & self.KEPT
-                self.request.forget()
-                self.request.commands = kept
+                self.request = demand.motion = PositionerRequest(request.commands & self.KEPT)
             return
-        if setpoints == self._last:
+        if setpoints == last:
             return
         self._last = setpoints
         controls = self._words(setpoints)
-        if controls != self._controls:
-            self._controls = controls
-            self._read_controls(controls)
-        self.read_values(setpoints)
+        commands, number = request.commands, request.number
+        if last is None or controls != self._words(last):
+            commands = self._always
+            for place, mask, command in self._commands:
+                if controls[place] & mask:
+                    commands |= command
+            place, field = self._number
+            number = field.of(controls[place])
+        self.request = demand.motion = self.requested(setpoints, commands, number)
 
-    def _read_controls(self, controls: Sequence[int]) -> None:
-        request, commands = self.request, self._always
-        for place, mask, command in self._commands:
-            if controls[place] & mask:
-                commands |= command
-        request.commands = commands
-        if self._block is not None:
-            place, block = self._block
-            request.block = block.of(controls[place])
-        if self._method is not None:
-            place, method = self._method
-            request.homing_method = method.of(controls[place])
-
-    def read_values(self, setpoints: Sequence[int]) -> None:
-        """Values that are not bits of a control word."""
+    def requested(self, setpoints: Sequence[int], commands: int, number: int) -> PositionerRequest:
+        """The request with the values that are not bits of a control word."""
+        raise NotImplementedError
 
 
 class _MdiValues:
@@ -140,13 +136,19 @@ class _MdiValues:
         self._message = adapter.actual("MELDW")
         self._position = adapter.actual(self.POSITION)
 
-    def read(self, setpoints: Sequence[int], request: PositionerRequest) -> None:
-        request.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
+    def read(self, setpoints: Sequence[int], commands: int, block: int) -> PositionerRequest:
         override = setpoints[self._override]
-        request.override = override if override > 0 else 0
-        first = self._first
-        request.target, request.velocity = setpoints[first], setpoints[first + 1]
-        request.acceleration, request.deceleration = setpoints[first + 2], setpoints[first + 3]
+        return PositionerRequest(
+            commands,
+            block,
+            setpoints[self._stw2] & _TO_FIXED_STOP != 0,
+            override if override > 0 else 0,
+            *self.task(setpoints, self._first),
+        )
+
+    def task(self, setpoints: Sequence[int], first: int) -> tuple[int, int, int, int, int | None]:
+        """Target, velocity, acceleration, deceleration and reference coordinate."""
+        return setpoints[first], setpoints[first + 1], setpoints[first + 2], setpoints[first + 3], None
 
     def write(self, report: Report, result: PositionerResult, actuals: list[int]) -> None:
         position = result.position
@@ -173,17 +175,19 @@ class _FloatValues(_MdiValues):
         self._minutes = 60 if choices.units_per_second else 1
         """Factor to velocities per minute."""
 
-    def read(self, setpoints: Sequence[int], request: PositionerRequest) -> None:
-        super().read(setpoints, request)
-        first = self._first
-        target, velocity, acceleration, deceleration = (float_of(pattern) for pattern in setpoints[first : first + 4])
-        request.target = _whole(target, self._lu)
-        request.velocity = max(0, _whole(velocity, self._lu * self._minutes, LU_PER_VELOCITY_UNIT))
-        request.acceleration, request.deceleration = _share(acceleration), _share(deceleration)
-        if not all(map(isfinite, (target, velocity, acceleration, deceleration))):
-            request.velocity = 0
+    def task(self, setpoints: Sequence[int], first: int) -> tuple[int, int, int, int, int | None]:
+        target, velocity, acceleration, deceleration = floats = [
+            float_of(item) for item in setpoints[first : first + 4]
+        ]
+        speed = max(0, _whole(velocity, self._lu * self._minutes, LU_PER_VELOCITY_UNIT))
         reference = float_of(setpoints[self._reference])
-        request.reference_coordinate = _whole(reference, self._lu) if isfinite(reference) else None
+        return (
+            _whole(target, self._lu),
+            speed if all(map(isfinite, floats)) else 0,
+            _share(acceleration),
+            _share(deceleration),
+            _whole(reference, self._lu) if isfinite(reference) else None,
+        )
 
     def write(self, report: Report, result: PositionerResult, actuals: list[int]) -> None:
         super().write(report, result, actuals)
@@ -224,9 +228,10 @@ class BasicPositionerAdapter(PositionerAdapter):
         self._speed = self.actual("NIST_B")
         self._codes = self.actual("FAULT_CODE", "WARN_CODE")
 
-    def read_values(self, setpoints: Sequence[int]) -> None:
-        if self._mdi is not None:
-            self._mdi.read(setpoints, self.request)
+    def requested(self, setpoints: Sequence[int], commands: int, number: int) -> PositionerRequest:
+        if self._mdi is None:
+            return PositionerRequest(commands, number)
+        return self._mdi.read(setpoints, commands, number)
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags) & _OWN
@@ -318,10 +323,10 @@ class PositioningAdapter(PositionerAdapter):
         self._aktsatz = self.actual("AKTSATZ")
         self._position = self.actual("XIST_A")
 
-    def read_values(self, setpoints: Sequence[int]) -> None:
-        request, first = self.request, self._first
-        request.target, request.velocity = setpoints[first], setpoints[first + 1]
-        request.acceleration, request.deceleration = setpoints[first + 2] * N4_PER_N2, setpoints[first + 3] * N4_PER_N2
+    def requested(self, setpoints: Sequence[int], commands: int, number: int) -> PositionerRequest:
+        target, velocity, acceleration, deceleration = setpoints[self._first : self._first + 4]
+        ramps = (acceleration * N4_PER_N2, deceleration * N4_PER_N2)
+        return PositionerRequest(commands, number, False, FULL, target, velocity, *ramps)
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags)

@@ -260,7 +260,7 @@ def test_a_block_does_not_replace_setting_up() -> None:
     rig = PositionerRig(blocks=(Block(1, 100, 100),))
     move(rig, mdi=True, setting_up=True, positive=True, velocity=3000)
     rig.step(10)
-    move(rig, mdi=False, block=1)
+    move(rig, mdi=False, number=1)
     assert (rig.result.state, rig.result.warning) == (State.SETTING_UP, Reason.FUNCTION_RUNS)
 
 
@@ -363,7 +363,7 @@ def test_a_function_with_a_speed_ends_at_the_software_limit_and_moves_back(funct
         elif function == "setting up":
             rig.step(activate=True, mdi=True, setting_up=True, velocity=3000, positive=forward, negative=not forward)
         else:
-            rig.step(activate=True, mdi=False, block=0 if forward else 1)
+            rig.step(activate=True, mdi=False, number=0 if forward else 1)
 
     rig.home()
     go(True)
@@ -440,7 +440,7 @@ def test_a_software_limit_that_becomes_active_also_counts_for_a_waiting_setpoint
     rig = PositionerRig(NARROW, (Block(1, 4000, 3000, next=BlockNext.FLYING), Block(2, 9000, 3000)))
     rig.home()
     rig.step(software_limits=False)
-    move(rig, block=1)
+    move(rig, number=1)
     rig.step(10)
     assert rig.waiting is not None
     rig.step(software_limits=True)

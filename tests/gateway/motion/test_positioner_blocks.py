@@ -74,7 +74,7 @@ def test_a_ring_that_moves_or_waits_is_allowed() -> None:
 
 def chain(*blocks: Block, **settings: object) -> PositionerRig:
     rig = PositionerRig(replace(SETTINGS, **settings), blocks)  # type: ignore[arg-type]
-    rig.step(activate=True, mdi=False, block=blocks[0].number)
+    rig.step(activate=True, mdi=False, number=blocks[0].number)
     return rig
 
 
@@ -158,7 +158,7 @@ def test_an_endless_block_runs_until_it_is_replaced() -> None:
     rig.step(100)
     assert rig.result.motion.kind is MotionKind.SPEED
     assert rig.speed == -200
-    move(rig, block=2)
+    move(rig, number=2)
     rig.settle()
     assert (rig.position, rig.result.shown, rig.result.state) == (50, State.BLOCK, State.IDLE)
 
@@ -175,7 +175,7 @@ def test_a_block_in_the_middle_of_a_chain_that_cannot_be_done_ends_it() -> None:
 
 def test_a_fixed_stop_presses_with_its_torque_until_the_reject() -> None:
     rig = PositionerRig(blocks=(Block(1, 5000, 3000, task=BlockTask.FIXED_STOP, value=250),), stop_at=1500)
-    rig.step(activate=True, mdi=False, block=1)
+    rig.step(activate=True, mdi=False, number=1)
     assert (rig.result.motion.torque, rig.result.to_fixed_stop) == (250, True)
     rig.step(100)
     assert (rig.result.fixed_stop, rig.result.state) == (True, State.BLOCK)

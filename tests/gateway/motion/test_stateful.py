@@ -54,19 +54,22 @@ class Life(RuleBasedStateMachine):
             both = request.commands & JOGS == JOGS
             if both and self.rig.result.state in {State.JOG, State.JOG_INCREMENTAL, State.BRAKING}:
                 assert not faster, "jog moves with both bits"
-            if not request.commands & Command.DO_NOT_REJECT or not request.operating:
+            if not request.commands & Command.DO_NOT_REJECT or not self.rig.seen.operating:
                 assert not faster, "moves in spite of a reject or without operation"
             if not self.permitted:
                 assert not faster, "something survived what ends it all"
 
     @rule(name=FLAGS, count=st.integers(0, 20))
     def toggle(self, name: str, count: int) -> None:
-        request = self.rig.request
+        request, seen = self.rig.request, self.rig.seen
+        if name == "operating":
+            seen.operating = not seen.operating
+            self.permitted = False
+            self.cycles(count)
+            return
         value = not (getattr(request, name) if hasattr(request, name) else request.commands & command(name))
         self.rig.request = changed(request, **{name: value})
-        if name == "operating":
-            self.permitted = False
-        elif value and self.rig.request.operating:
+        if value and seen.operating:
             self.permitted = self.permitted or name in {"activate", "jog_1", "jog_2", "homing"}
         elif name in {"jog_1", "jog_2"} and self.permitted:
             self.permitted = True
@@ -75,12 +78,12 @@ class Life(RuleBasedStateMachine):
     @rule(
         end=st.integers(-30_000, 30_000),
         velocity=st.sampled_from([0, 100, 3000, 5000]),
-        block=st.integers(0, 6),
+        number=st.integers(0, 6),
         override=st.sampled_from([0, 0x800, FULL, 0x7FFF]),
         count=st.integers(0, 20),
     )
-    def change_values(self, end: int, velocity: int, block: int, override: int, count: int) -> None:
-        values = {"target": end, "velocity": velocity, "block": block, "override": override}
+    def change_values(self, end: int, velocity: int, number: int, override: int, count: int) -> None:
+        values = {"target": end, "velocity": velocity, "number": number, "override": override}
         self.rig.request = replace(self.rig.request, **values)
         self.cycles(count)
 
@@ -174,7 +177,7 @@ def test_no_function_goes_beyond_a_software_limit_that_is_watched(
             rig.step(
                 activate=True,
                 mdi=function != "block",
-                block=1 + abs(end) % 4,
+                number=1 + abs(end) % 4,
                 setting_up=function == "setting up",
                 absolute=forward,
                 positive=forward,

@@ -41,7 +41,7 @@ from pdgw.gateway.axis.values import Answer, Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import RISING, Positioner
-from pdgw.gateway.motion.requests import Motion, PositionerFeedback, PositionerRequest, PositionerResult
+from pdgw.gateway.motion.requests import Motion, PositionerFeedback, PositionerResult
 from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course
 from pdgw.profidrive.frame import SignOfLife
 
@@ -51,7 +51,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "DATA": frozenset({"profile_acceleration", "profile_deceleration", "profile_velocity", "target_position"}),
     },
     ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"word", "_visible"})},
-    PositionerAdapter: {"ASIDE": frozenset({"_last", "_controls"})},
+    PositionerAdapter: {"ASIDE": frozenset({"_last", "request"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},
     Report: {
@@ -165,10 +165,11 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "ASIDE": frozenset({"_edges"}),
         "BITS": {"_commands": RISING},
     },
-    PositionerRequest: {"ASIDE": frozenset({"*"})},
     PositionerFeedback: {
         "SERIALS": frozenset({"given", "taken", "executing"}),
-        "PASSING": frozenset({"standstill", "stopped", "reached", "answered", "internal_limit", "torque_at_limit"}),
+        "PASSING": frozenset(
+            {"operating", "standstill", "stopped", "reached", "answered", "internal_limit", "torque_at_limit"}
+        ),
     },
     Motion: {"SERIALS": frozenset({"serial", "first"})},
     PositionerResult: {

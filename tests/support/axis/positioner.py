@@ -65,13 +65,14 @@ class PositionerRig:
     blocks: tuple[Block, ...] = ()
     delay: int = 1
     request: PositionerRequest = field(
-        default_factory=lambda: PositionerRequest(True, Command.DO_NOT_REJECT | Command.NO_INTERMEDIATE_STOP)
+        default_factory=lambda: PositionerRequest(Command.DO_NOT_REJECT | Command.NO_INTERMEDIATE_STOP)
     )
     stop_at: int | None = None
     """A mechanical stop."""
 
     def __post_init__(self) -> None:
         self.positioner = Positioner(replace(self.settings, blocks=self.blocks))
+        self.seen.operating = True
         self.positioner.set_ranges((-(1 << 30), 1 << 30), (-(1 << 31), (1 << 31) - 1))
         self.now = 0
         self.speed = 0
@@ -96,6 +97,7 @@ class PositionerRig:
 
     def step(self, cycles: int = 1, **changes: object) -> PositionerResult:
         """Change what is asked, then run cycles."""
+        self.seen.operating = bool(changes.pop("operating", self.seen.operating))
         self.request = changed(self.request, **changes)
         for _ in range(cycles):
             self.now += CYCLE

@@ -103,6 +103,7 @@ class MotionExecutor(Executor):
 
     def refuse(self) -> None:
         self._stop()
+        self._seen.operating = False
         self.command.controlword = self.interlock.controlword
         self.positioner.step(NOTHING, self.inputs.now)
 
@@ -132,26 +133,24 @@ class MotionExecutor(Executor):
         its speed."""
         if not self.settings.intermediate_stop_reached:
             return False
-        if not request.operating or request.commands & _NO_STOP_OF_A_TASK:
+        if not self._seen.operating or request.commands & _NO_STOP_OF_A_TASK:
             return False
         return self.stopped and (self._mode.shows_base() or self.feedback.velocity_actual == 0)
 
     def _cycle(self) -> PositionerResult:
         """Run one cycle: state of the axis, commands, Controlword and mode."""
-        interlock, mode = self.interlock, self._mode
+        interlock, mode, seen = self.interlock, self._mode, self._seen
         action, before = interlock.action, self.positioner.result.state
-        request = self.demand.motion
-        assert request is not None, "adapters of positioners set it in each step"
         operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[self.feedback.statusword & STATE_MASK]
-        request.operating = operates
+        seen.operating = operates
         if operates:
             self.outputs.reason = None
         mode.read()
         self._taking.read(self._acknowledges, self.inputs.now)
-        self._seen.standstill = self.inputs.standstill
-        self._seen.internal_limit = self.feedback.statusword & StatusBit.INTERNAL_LIMIT != 0
+        seen.standstill = self.inputs.standstill
+        seen.internal_limit = self.feedback.statusword & StatusBit.INTERNAL_LIMIT != 0
         self._read_state()
-        result = self.positioner.step(request, self.inputs.now)
+        result = self.positioner.step(self.demand.motion, self.inputs.now)
         self._blocked = False
         if operates:
             mode.asked = False

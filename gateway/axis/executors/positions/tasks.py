@@ -192,16 +192,16 @@ class PositionerExecutor(MotionExecutor):
             return reason
         before = self.positioner.result.warning
         result, feedback, outputs = self._cycle(), self.feedback, self.outputs
-        request = self.positioner.request
+        request, operating = self.positioner.request, self._seen.operating
         if self._continued and not self.stopped:
             result.reached = False
         if result.probe is (outputs.probe is None):
             self._probe(request)
-        if request.operating:
+        if operating:
             reason = outputs.reason or result.reason
             if reason is Reason.HOMING_ERROR:
                 reason = self.homing.failure
-        self._torque.follow(result.motion.torque if request.operating else None)
+        self._torque.follow(result.motion.torque if operating else None)
         if result.warning is not before:
             self._warn(result.warning)
         report = self.report

@@ -69,7 +69,7 @@ class PositioningExecutor(MotionExecutor):
         request, feedback, report = self._mdi.request, self.feedback, self.report
         homes = result.state is _HOMING
         flags = _STANDING if self.inputs.standstill else 0
-        if request.operating:
+        if self._seen.operating:
             reason = self.outputs.reason or result.warning
             waits = result.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
@@ -98,7 +98,7 @@ class PositioningExecutor(MotionExecutor):
             if self.positioner.result.state is _IDLE:
                 outputs.end_warnings(TASK_WARNINGS)
         elif edge:
-            return self.homing.require_method(request.homing_method)
+            return self.homing.require_method(request.number)
         elif outputs.warned & TASK_WARNINGS:
             outputs.reason = Reason.HOMING_METHOD
         return False
