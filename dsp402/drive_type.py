@@ -247,10 +247,10 @@ class DriveType:
         modes = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
         return next((mode.value for mode in modes if mode in self.modes), None)
 
-    def mode_for(self, wanted: Mode | None) -> int | None:
+    def mode_for(self, mode: Mode | None) -> int | None:
         """6060h for a requested mode: profile velocity means the speed mode that the drive offers."""
-        offered = self.speed_mode if wanted is Mode.VELOCITY else None
-        return wanted if offered is None else offered
+        offered = self.speed_mode if mode is Mode.VELOCITY else None
+        return mode if offered is None else offered
 
     @property
     def speed_bits(self) -> int:

@@ -210,17 +210,17 @@ class Chain:
 
 
 def chain(
-    *, counterclockwise: bool, scaling: bool, numerator: int, denominator: int, wanted_range: int, steps: int
+    *, counterclockwise: bool, scaling: bool, numerator: int, denominator: int, total_range: int, steps: int
 ) -> Chain:
     """The chain of the present parameters.
 
-    ``numerator`` and ``denominator`` are 6001h and 6501h, of a linear encoder 6501h and 6005h/1; ``wanted_range`` is 6002h.
+    ``numerator`` and ``denominator`` are 6001h and 6501h, of a linear encoder 6501h and 6005h/1; ``total_range`` is 6002h.
     ``steps`` is what the hardware distinguishes: a larger range is not reached.
     """
     if not scaling:
         return Chain(counterclockwise, 1, 1, steps)
     reachable = steps * numerator // denominator
-    return Chain(counterclockwise, numerator, denominator, max(1, min(wanted_range, reachable)))
+    return Chain(counterclockwise, numerator, denominator, max(1, min(total_range, reachable)))
 
 
 def speed_value(speed: float) -> int:

@@ -254,7 +254,7 @@ class SensorInterface:
 
     def measurement_failed(self, search: Search, *, supported: bool) -> None:
         """The device does not carry out a search, because it cannot (not ``supported``) or for another reason."""
-        if self.measuring is not None and self.measuring.wanted is search:
+        if self.measuring is not None and self.measuring.search is search:
             self._refused = Refusal.REFUSED if supported else Refusal.NOT_SUPPORTED
 
     def _answered(self, event: SensorEvent, error: SensorError | None) -> None:

@@ -112,10 +112,10 @@ class Search:
 
 
 class Measuring:
-    """One sensor. Call ``step`` once per cycle. While ``wanted`` is not None, the owner must search and call ``found``."""
+    """One sensor. Call ``step`` once per cycle. While ``search`` is not None, the owner must search and call ``found``."""
 
     def __init__(self) -> None:
-        self.wanted: Search | None = None
+        self.search: Search | None = None
         self.on_the_fly = False
         """Whether the last command was a measurement on the fly."""
         self.value: int | None = None
@@ -140,10 +140,10 @@ class Measuring:
             elif command == SensorCommand.READ:
                 self._begin_read(functions)
             elif command == SensorCommand.ABORT:
-                self.wanted = None
+                self.search = None
             elif command != SensorCommand.NONE:
                 self.refusal = Refusal.NOT_SUPPORTED
-        active = 0 if self.wanted is None else self.wanted.functions
+        active = 0 if self.search is None else self.search.functions
         for function in self._values:
             active |= 1 << function + _VALUE_1
         return active
@@ -151,21 +151,21 @@ class Measuring:
     @property
     def busy(self) -> bool:
         """There is something to do or to show, also without a command."""
-        return self.wanted is not None or self._command != SensorCommand.NONE or bool(self._values)
+        return self.search is not None or self._command != SensorCommand.NONE or bool(self._values)
 
     def cancel(self) -> None:
         """The sensor has another state: abort searches, drop values."""
-        self.wanted = None
+        self.search = None
         self.value = None
         self._values.clear()
 
     def found(self, search: Search, values: Mapping[int, int]) -> None:
         """Positions by function (0 to 3); those of a search that is over count for nothing."""
-        if search is not self.wanted:
+        if search is not self.search:
             return
         self._values |= values
         left = search.functions & ~sum(1 << function for function in values)
-        self.wanted = Search(search.on_the_fly, left) if left else None
+        self.search = Search(search.on_the_fly, left) if left else None
 
     def _activate(self, functions: int) -> None:
         allowed = _SELECTED if self.on_the_fly else _REFERENCE_FUNCTIONS
@@ -175,7 +175,7 @@ class Measuring:
         for function in range(FUNCTIONS):
             if functions >> function & 1:
                 self._values.pop(function, None)
-        self.wanted = Search(self.on_the_fly, functions)
+        self.search = Search(self.on_the_fly, functions)
 
     def _begin_read(self, functions: int) -> None:
         chosen = functions.bit_length() - 1

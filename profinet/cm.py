@@ -173,7 +173,7 @@ class ContextManager:
             raise
         if replaced is not None:
             replaced.handle(Event.RESTARTED, now)
-            self._forget(replaced, now)
+            self._discard(replaced, now)
         self.relations[granted.ar.ar_uuid] = relation
         if relation.provider is not None:
             self.io = relation
@@ -295,11 +295,11 @@ class ContextManager:
         if not self._ended and all(item.alive for item in self.relations.values()):
             return _NONE
         for relation in [item for item in self.relations.values() if not item.alive]:
-            self._forget(relation, now)
+            self._discard(relation, now)
         ended, self._ended = self._ended, []
         return ended
 
-    def _forget(self, relation: ApplicationRelation, now: int) -> None:
+    def _discard(self, relation: ApplicationRelation, now: int) -> None:
         ar_uuid = relation.plan.ar.ar_uuid
         del self.relations[ar_uuid]
         if relation is self.io:

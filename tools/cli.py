@@ -80,7 +80,7 @@ def main() -> None:
         what = f"{error.filename}: " if error.filename else ""
         if not what and error.errno in _NO_MORE_OUTPUT:
             what = "output: "
-            _forget_output()
+            _discard_output()
         _fail(f"{what}{error.strerror or error}")
     except KeyboardInterrupt:  # pressed while typer still loads, when typer does not handle it
         sys.exit(INTERRUPTED)
@@ -117,7 +117,7 @@ def _guard_terminal() -> None:
             setattr(sys, name, guarded)
 
 
-def _forget_output() -> None:
+def _discard_output() -> None:
     """Discard what is left in the buffer, so that the interpreter does not try to write it again at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

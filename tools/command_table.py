@@ -186,8 +186,8 @@ def lazy_group(table: Mapping[str, Entry]) -> type[Group]:
                 self.add_command(TyperCommand(name, callback=None, help=entry.help))
 
         def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-            name, stand_in, rest = super().resolve_command(ctx, args)
-            return name, (stand_in if name is None else table[name].load(name)), rest
+            name, placeholder, rest = super().resolve_command(ctx, args)
+            return name, (placeholder if name is None else table[name].load(name)), rest
 
     return LazyGroup
 

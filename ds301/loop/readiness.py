@@ -37,10 +37,10 @@ class SelectReadiness(Readiness):
         self._writers: list[int] = []
 
     def watch(self, descriptor: int, *, read: bool, write: bool) -> None:
-        for wanted, descriptors in ((read, self._readers), (write, self._writers)):
-            if wanted and descriptor not in descriptors:
+        for requested, descriptors in ((read, self._readers), (write, self._writers)):
+            if requested and descriptor not in descriptors:
                 descriptors.append(descriptor)
-            elif not wanted and descriptor in descriptors:
+            elif not requested and descriptor in descriptors:
                 descriptors.remove(descriptor)
 
     def wait(self, seconds: float) -> list[tuple[int, int]]:

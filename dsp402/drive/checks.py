@@ -249,7 +249,7 @@ class UnitCheck:
                 address, self._sdo.integer(upload, signed=address == _POSITION or signed(self._sdo.dictionary, address))
             )
         elif upload.code in NOT_THERE:
-            watch.forget(address)
+            watch.discard(address)
 
     def _take(self, address: ObjectAddress, value: int) -> None:
         watch, now = self.watch, self._sdo.loop.now()

@@ -360,7 +360,7 @@ class DriveClient(NodeClient[DriveSettings]):
         """
         if index not in {STORE_PARAMETERS, RESTORE_PARAMETERS}:
             self.sdo.write(index, subindex, data)
-            self.own_values.forget((index, subindex))
+            self.own_values.discard((index, subindex))
             return
         restores, sends = index == RESTORE_PARAMETERS, self._sending
         self._sending = sends and not restores and self.rpdos.pause(self.own_values)

@@ -105,13 +105,13 @@ class Guarding:
     """The drive stops when the gateway's SYNC does not come any more."""
 
 
-def guard(wanted: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
+def guard(times: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
     """Have the drive guard the gateway; for the node's task. Raises what ``write_checked`` raises but for refusals."""
-    return _by_sync(_by_service(wanted, write_checked, read), wanted, read)
+    return _by_sync(_by_service(times, write_checked, read), times, read)
 
 
 def _by_service(
-    wanted: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]
+    times: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]
 ) -> Guarding:
 
     def try_write(step: SdoStep) -> str:
@@ -124,43 +124,41 @@ def _by_service(
             return f"{step.index:04X}h: {abort_text(error.code)}"
         return ""
 
-    limit = wanted.heartbeat_ms * wanted.heartbeat_factor
-    consumer, option, producer = guard_steps(wanted.gateway_node_id, limit, wanted.heartbeat_ms, wanted.reaction)
+    limit = times.heartbeat_ms * times.heartbeat_factor
+    consumer, option, producer = guard_steps(times.gateway_node_id, limit, times.heartbeat_ms, times.reaction)
     no_consumer = try_write(consumer)
     reaction, no_reaction = _write_reaction(option, try_write, read)
     no_producer = try_write(producer)
     if not no_consumer:
         life = "" if not no_producer else "; the gateway monitors the node by its TPDOs only"
         text = f"the gateway's heartbeat (1016h, {limit} ms), then {reaction}{life}"
-        return Guarding(text, no_reaction, heartbeat=not no_producer and wanted.heartbeat_ms > 0)
+        return Guarding(text, no_reaction, heartbeat=not no_producer and times.heartbeat_ms > 0)
     silent = bool(no_producer) or not try_write(replace(producer, value=0))
     life_steps = (
-        SdoStep(GUARD_TIME, 0, CanType.U16, wanted.heartbeat_ms, "guard time"),
-        SdoStep(LIFE_TIME_FACTOR, 0, CanType.U8, wanted.heartbeat_factor, "life time factor"),
+        SdoStep(GUARD_TIME, 0, CanType.U16, times.heartbeat_ms, "guard time"),
+        SdoStep(LIFE_TIME_FACTOR, 0, CanType.U8, times.heartbeat_factor, "life time factor"),
     )
     if silent and not any(map(try_write, life_steps)):
         return Guarding(f"life guarding (100Ch, 100Dh, {limit} ms), then {reaction}", no_reaction, life_guarding=True)
-    beats = not no_producer and wanted.heartbeat_ms > 0 and not try_write(producer)
-    time_out = _RPDO_REFRESHES * wanted.rpdo_refresh_ms
-    timer = SdoStep(
-        wanted.control_index, EVENT_TIMER, CanType.U16, time_out, "timeout of the RPDO with the Controlword"
-    )
+    beats = not no_producer and times.heartbeat_ms > 0 and not try_write(producer)
+    time_out = _RPDO_REFRESHES * times.rpdo_refresh_ms
+    timer = SdoStep(times.control_index, EVENT_TIMER, CanType.U16, time_out, "timeout of the RPDO with the Controlword")
     if not try_write(timer):
-        text = f"the timeout of its RPDO ({wanted.control_index:04X}h/5, {time_out} ms), then {reaction}"
+        text = f"the timeout of its RPDO ({times.control_index:04X}h/5, {time_out} ms), then {reaction}"
         return Guarding(text, no_reaction, heartbeat=beats, rpdos=True)
     return Guarding("nothing", no_consumer, heartbeat=beats)
 
 
-def _by_sync(found: Guarding, wanted: GuardTimes, read: Callable[[int, int], int]) -> Guarding:
+def _by_sync(found: Guarding, times: GuardTimes, read: Callable[[int, int], int]) -> Guarding:
     """``found``, or the loss of SYNC where that is nothing and the drive holds the period."""
-    if not (found.refusal and wanted.sync_loss_periods and wanted.sync_period_us):
+    if not (found.refusal and times.sync_loss_periods and times.sync_period_us):
         return found
     try:
-        if read(SYNC_PERIOD, 0) != wanted.sync_period_us:
+        if read(SYNC_PERIOD, 0) != times.sync_period_us:
             return found
     except SdoAbortedError:
         return found
-    text = f"the loss of SYNC ({wanted.sync_loss_periods} periods of {wanted.sync_period_us} us, 1006h), then its own reaction"
+    text = f"the loss of SYNC ({times.sync_loss_periods} periods of {times.sync_period_us} us, 1006h), then its own reaction"
     return replace(found, text=text, refusal="", sync=True)
 
 

@@ -124,7 +124,7 @@ class OwnValueKeeper:
         for kept in self._values.values():
             self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
 
-    def forget(self, address: ObjectAddress) -> None:
+    def discard(self, address: ObjectAddress) -> None:
         """A parameter client wrote the object: its value is the drive's own."""
         if self._values.pop(address, None) is not None:
             self.commit()

@@ -43,7 +43,7 @@ class _Values:
 
     def __init__(self, pdo: Pdo) -> None:
         self.pdo = pdo
-        self.wanted = b""
+        self.newest = b""
         self.written: bytes | None = b""
         """The confirmed value in the drive; None during a write or after a failed one."""
         self.refused: bytes | None = None
@@ -163,7 +163,7 @@ class RpdoSender:
         if self._mode.awaited is not None:
             command.target_velocity = 0
         for values in self.written:
-            values.wanted = values.pdo.pack(command)
+            values.newest = values.pdo.pack(command)
         complete = True
         for sender in self._data_senders:
             complete = self._put(sender, sender.pdo.pack(command), now) and complete
@@ -218,7 +218,7 @@ class RpdoSender:
         """Whether the data of a new setpoint is in the drive: all ``sent`` by RPDO and written by SDO."""
         if self.set_point_refused:
             return False
-        missing = [values for values in self.written if values.written != values.wanted]
+        missing = [values for values in self.written if values.written != values.newest]
         if not missing:
             return sent
         if self._held_since < 0:
@@ -227,7 +227,7 @@ class RpdoSender:
                 values.refused = None  # a new setpoint allows a new attempt
             self._wake()
             return False
-        refused = [values.error for values in missing if values.refused == values.wanted]
+        refused = [values.error for values in missing if values.refused == values.newest]
         if refused or now - self._held_since > self._hold_limit_ns:
             self.set_point_refused = True
             cause = refused[0] if refused else f"data not written within {self._hold_limit_ns // MS} ms"
@@ -239,14 +239,14 @@ class RpdoSender:
     def write(self, write: Callable[[int, int, bytes], None], now: int) -> None:
         """Write by SDO what has changed of the objects without RPDO; a refused value is tried again after a second."""
         for values in self.written:
-            wanted = values.wanted
-            if values.written != wanted and (values.refused != wanted or now >= values.retry_at):
+            newest = values.newest
+            if values.written != newest and (values.refused != newest or now >= values.retry_at):
                 self._write_values(write, values, now)
 
     def _write_values(self, write: Callable[[int, int, bytes], None], values: _Values, now: int) -> None:
         # Not confirmed while it is being written; the cycles continue meanwhile.
         values.written = None
-        data, held_since = values.wanted, self._held_since
+        data, held_since = values.newest, self._held_since
         offset = 0
         entry = values.pdo.entries[0]
         try:

@@ -151,8 +151,8 @@ def described_by_sheet(
     """The drive as its data sheet alone describes it; as ``describe``."""
     information = dictionary.device_information
     identity = {IDENTITY_VENDOR: information.vendor_number, IDENTITY_PRODUCT: information.product_number}
-    told = {address: value for address, value in identity.items() if value}
-    return describe(dictionary, answers_of_defaults(dictionary) | told, units, family_name)
+    values = {address: value for address, value in identity.items() if value}
+    return describe(dictionary, answers_of_defaults(dictionary) | values, units, family_name)
 
 
 def variable(dictionary: canopen.ObjectDictionary, index: int, subindex: int = 0) -> ODVariable | None:
@@ -257,11 +257,11 @@ def _homing_methods(
     if "homing_method" not in entries:
         return {}
     texts = STANDARD_HOMING_METHODS | (family.homing_texts if family else {})
-    told = [value for (index, sub), value in answers.items() if index == SUPPORTED_HOMING_METHODS and sub and value]
-    if not told and family is not None:
-        told = list(family.homing_methods)
+    values = [value for (index, sub), value in answers.items() if index == SUPPORTED_HOMING_METHODS and sub and value]
+    if not values and family is not None:
+        values = list(family.homing_methods)
     low, high = entries["homing_method"].limits
-    return {method: texts.get(method, "") for method in told or STANDARD_HOMING_METHODS if low <= method <= high}
+    return {method: texts.get(method, "") for method in values or STANDARD_HOMING_METHODS if low <= method <= high}
 
 
 def _pdo_capabilities(dictionary: canopen.ObjectDictionary) -> PdoCapabilities:

@@ -208,17 +208,17 @@ class _Direction:
 
     def _into(self, pdo: Pdo, group: Sequence[Entry], free: Sequence[int]) -> tuple[Pdo | None, list[Entry]]:
         """Assign a group to the PDO of its number, else to the next free one. Also return the objects left over."""
-        wanted = [entry for entry in group if self._is_mappable(entry)]
+        requested = [entry for entry in group if self._is_mappable(entry)]
         number = pdo.number if pdo.number in free else self._spare(free)
         if number is None and any(entry.attribute == self.essential for entry in group):
             number = min(free, default=None)
         fixed = self.fixed.get(pdo.number)
         if fixed == tuple(entry.mapping for entry in group):
             return None, list(group)  # used as it is
-        if number is None or not wanted:
+        if number is None or not requested:
             return None, list(group)
         most = self.findings.most.get(self._key(number), _OBJECTS)
-        kept = _fitting(wanted, most, self.essential)
+        kept = _fitting(requested, most, self.essential)
         return Pdo(self.direction, number, tuple(kept)), [entry for entry in group if entry not in kept]
 
     def _spare(self, free: Sequence[int]) -> int | None:
@@ -231,14 +231,14 @@ class _Direction:
     def _adopt(self, left: Sequence[Entry], *, has_essential: bool) -> list[Pdo]:
         """Fixed PDOs for the remaining objects, the most useful first; every object of an RPDO must be known."""
         dropped = self.findings.dropped
-        wanted = {entry.address: entry for entry in left if entry.address not in dropped}
+        requested = {entry.address: entry for entry in left if entry.address not in dropped}
         adopted: list[Pdo] = []
-        while wanted:
+        while requested:
             found = [
-                (self._gain(pdo, wanted), -pdo.number, pdo)
+                (self._gain(pdo, requested), -pdo.number, pdo)
                 for number, mapping in self.fixed.items()
                 if number not in {item.number for item in adopted}
-                and (pdo := self._carried(number, mapping, wanted)) is not None
+                and (pdo := self._carried(number, mapping, requested)) is not None
             ]
             if self.direction is PdoDirection.RPDO:
                 found = [item for item in found if (CONTROL_ATTRIBUTE in item[2].attributes) is not has_essential]
@@ -248,22 +248,22 @@ class _Direction:
             adopted.append(best)
             has_essential = True
             carried = set(best.attributes)
-            wanted = {address: entry for address, entry in wanted.items() if entry.attribute not in carried}
+            requested = {address: entry for address, entry in requested.items() if entry.attribute not in carried}
         return adopted
 
-    def _gain(self, pdo: Pdo, wanted: Mapping[ObjectAddress, Entry]) -> int:
+    def _gain(self, pdo: Pdo, requested: Mapping[ObjectAddress, Entry]) -> int:
         """The value of a fixed PDO: the essential word counts most, then the first objects of the layout."""
-        order = [entry.attribute for entry in wanted.values()]
+        order = [entry.attribute for entry in requested.values()]
         worth = sum(1 << (len(order) - order.index(name)) for name in pdo.attributes)
         return worth + (1 << len(order) + 1 if self.essential in pdo.attributes else 0)
 
-    def _carried(self, number: int, mapping: tuple[int, ...], wanted: Mapping[ObjectAddress, Entry]) -> Pdo | None:
+    def _carried(self, number: int, mapping: tuple[int, ...], requested: Mapping[ObjectAddress, Entry]) -> Pdo | None:
         """A fixed PDO with gaps for unneeded objects; None if it cannot be used."""
         entries: list[Entry] = []
         bits = 0
         for item in mapping:
             address, size = (item >> 16, item >> 8 & 0xFF), item & 0xFF
-            entry = wanted.get(address)
+            entry = requested.get(address)
             bits += size
             if entry is not None and entry.type.bits == size:
                 entries.append(entry)

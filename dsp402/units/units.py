@@ -87,7 +87,7 @@ class UnitWatch:
         self.asked_ns = now
         return self.asked
 
-    def forget(self, address: ObjectAddress) -> None:
+    def discard(self, address: ObjectAddress) -> None:
         """The drive does not have the object."""
         if address == _POSITION:
             self.position_missing = True

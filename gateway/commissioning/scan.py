@@ -337,10 +337,10 @@ class Scan:
         identity = found.vendor_id or 0, found.product_code or 0
         if expected is not None and expected.eds is not None:
             sheet = Sheet(expected.eds, _dictionary(expected.eds, found.node_id))
-            wanted = sheet.identity
-            if any(told and told != seen for told, seen in zip(wanted, identity, strict=True)):
+            declared = sheet.identity
+            if any(expected and expected != seen for expected, seen in zip(declared, identity, strict=True)):
                 found.notes.append(
-                    f"{sheet.path} belongs to vendor-ID {wanted[0]:08X}h, product code {wanted[1]:08X}h: another "
+                    f"{sheet.path} belongs to vendor-ID {declared[0]:08X}h, product code {declared[1]:08X}h: another "
                     "device, pdgw run rejects it"
                 )
                 return None
@@ -386,19 +386,19 @@ def _guarding(node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
         if value is None:
             raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
         # The gateway would have written the period.
-        return wanted.sync_period_us if index == SYNC_PERIOD else value
+        return times.sync_period_us if index == SYNC_PERIOD else value
 
     def pretend(step: SdoStep) -> None:
         number(step.index, step.subindex)
 
-    wanted = settings.guarding_of(drive, PdoDirection.RPDO.communication_index)
-    found = guard(wanted, pretend, number)
+    times = settings.guarding_of(drive, PdoDirection.RPDO.communication_index)
+    found = guard(times, pretend, number)
     if not found.refusal:
         return found.text
     if settings.allow_unguarded:
         return f"{found.text}; pdgw run operates it because allow_unguarded = true"
     by_sync = ""
-    if wanted.sync_loss_periods and not wanted.sync_period_us:
+    if times.sync_loss_periods and not times.sync_period_us:
         by_sync = ", or use a telegram with SYNC in a cyclic synchronous mode: drives of this family stop without SYNC"
     return f"{found.text}; pdgw run rejects it; set allow_unguarded = true{by_sync}"
 

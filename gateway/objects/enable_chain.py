@@ -1,6 +1,6 @@
 """The chain of enables of a drive object: each link with its state, its evidence and its remedy.
 
-Each link is judged by itself. The first broken link gives reason, remedy and state word. Physical links are first (bus, node,
+Each link is checked by itself. The first broken link gives reason, remedy and state word. Physical links are first (bus, node,
 supply, fault), then the drive, then the PLC's program. Status, page, metrics, MQTT, log and JSON show the result of this module
 and derive nothing themselves.
 """
@@ -80,7 +80,7 @@ class ChainLink(NamedTuple):
 
     enable: Enable
     ok: bool | None
-    """None if the link cannot be judged: a drive on a broken bus is unknown."""
+    """None if the link cannot be checked: a drive on a broken bus is unknown."""
     reason: Reason | None = None
     """Reason of a broken link."""
     evidence: str = ""
@@ -114,7 +114,7 @@ class EnableStatus(NamedTuple):
 
 
 class _Chain:
-    """The links of one drive object while they are judged."""
+    """The links of one drive object while they are checked."""
 
     def __init__(self, item: DriveObject, enables: tuple[Enable, ...]) -> None:
         self.item = item
@@ -130,8 +130,8 @@ class _Chain:
         link = ChainLink(reason.enable, False, reason, evidence or reason.value, remedy or reason.remedy)
         self._links[reason.enable] = link
 
-    def judge_node(self, offline: Reason) -> bool:
-        """Bus and node; False if the device cannot be judged."""
+    def check_node(self, offline: Reason) -> bool:
+        """Bus and node; False if the device cannot be checked."""
         network, client = self.item.network, self.item.client
         if not network.healthy:
             self.breaks(Reason.BUS_LOST, f"bus {network.name}: bus-off, or its interface is lost")
@@ -158,7 +158,7 @@ class _Chain:
                 self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
         return False
 
-    def judge_fault(self, reason: Reason, acknowledge: str, what: str = "") -> None:
+    def check_fault(self, reason: Reason, acknowledge: str, what: str = "") -> None:
         """Name the device's own fault, as far as it is known.
 
         ``acknowledge``: what remains to be done after its cause. ``what``: the error that it is to the PLC.
@@ -177,12 +177,12 @@ class _Chain:
         since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
         return f"{record.text}, since {since:%H:%M:%S}"
 
-    def judge_plc(self, *, connected: bool, obeys: bool, never: Reason, lost: bool) -> bool:
-        """Whether its setpoints count. ``obeys``: the object follows a connected PLC."""
+    def check_plc(self, *, connected: bool, in_operation: bool, never: Reason, lost: bool) -> bool:
+        """Whether its setpoints count. ``in_operation``: the object follows a connected PLC."""
         finding = self.item.link_finding()
         if finding is not None and finding.reason is Reason.OTHER_SENDER and (connected or lost):
             finding = None  # it does not stop the PLC
-        if connected and obeys:
+        if connected and in_operation:
             finding = None  # repeated losses, which are over
         if self.item.gateway_stops:
             self.breaks(Reason.GATEWAY_STOPS)
@@ -210,12 +210,12 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
     """Chain of an axis after its last step."""
     chain, machine = _Chain(axis, AXIS_CHAIN), axis.machine
     demand, reason = machine.demand, machine.outputs.reason
-    if chain.judge_node(Reason.DRIVE_OFFLINE):
-        _judge_drive(chain, axis, state_of(axis.drive.feedback.statusword))
+    if chain.check_node(Reason.DRIVE_OFFLINE):
+        _check_drive(chain, axis, state_of(axis.drive.feedback.statusword))
     life = machine.life
     connected = machine.inputs.setpoints is not None
-    obeys, was_there = axis.powered and axis.released, machine.interlock.plc_was_there
-    if chain.judge_plc(connected=connected, obeys=obeys, never=Reason.NO_PLC, lost=was_there):
+    in_operation, was_there = axis.powered and axis.released, machine.interlock.plc_was_there
+    if chain.check_plc(connected=connected, in_operation=in_operation, never=Reason.NO_PLC, lost=was_there):
         name, word = _control_word(axis)
         meant = unswapped(word) if name == "STW1" else None
         if life is not None and life.lost:
@@ -226,19 +226,19 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
             chain.breaks(Reason.CONTROL_HELD if reason is Reason.CONTROL_HELD else Reason.NO_CONTROL)
         else:
             chain.passes(Enable.CONTROL)
-            _judge_command(chain, axis)
+            _check_command(chain, axis)
     chain.keep(reason)
     return chain.enable_status(stops=axis.good and axis.powered and not axis.released)
 
 
-def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
+def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     """Supply, fault and operation of a drive that is online."""
     machine, demand, powered = axis.machine, axis.machine.demand, state in POWERED
     reason, statusword = machine.outputs.reason, axis.drive.feedback.statusword
     missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
     commanded = demand.connected and demand.power in _ASKS and machine.interlock.reason in missing
     if state in FAULTY:
-        chain.judge_fault(Reason.DRIVE_FAULT, _acknowledge(axis))
+        chain.check_fault(Reason.DRIVE_FAULT, _acknowledge(axis))
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
     elif machine.units_contradicted:
@@ -259,7 +259,7 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}")
 
 
-def _judge_command(chain: _Chain, axis: Axis) -> None:
+def _check_command(chain: _Chain, axis: Axis) -> None:
     """ON and setpoint of a PLC that has control."""
     machine, phase = axis.machine, axis.machine.interlock.phase
     asked, reason = machine.demand.power, machine.outputs.reason
@@ -378,13 +378,13 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     """Chain of an encoder after its last step."""
     chain, machine = _Chain(encoder, ENCODER_CHAIN), encoder.machine
     reason = machine.outputs.reason
-    if chain.judge_node(Reason.ENCODER_OFFLINE):
+    if chain.check_node(Reason.ENCODER_OFFLINE):
         if machine.in_error:
             error = machine.channel.sensor.error
             what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
-            chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_encoder(encoder), what)
+            chain.check_fault(Reason.SENSOR_ERROR, _acknowledge_encoder(encoder), what)
         elif machine.control.fault:
-            chain.judge_fault(Reason.ENCODER_FAULT, _acknowledge_encoder(encoder))
+            chain.check_fault(Reason.ENCODER_FAULT, _acknowledge_encoder(encoder))
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:
@@ -395,7 +395,7 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
                 chain.passes(Enable.SENSOR)
     connected = machine.adapter.control is not None
     has_control = machine.control.has_control
-    if chain.judge_plc(connected=connected, obeys=has_control, never=Reason.ENCODER_NO_PLC, lost=False):
+    if chain.check_plc(connected=connected, in_operation=has_control, never=Reason.ENCODER_NO_PLC, lost=False):
         if has_control:
             chain.passes(Enable.CONTROL)
         else:

@@ -45,10 +45,10 @@ class ParameterManager:
 
         ``slot_do`` is the DO of the slot for a local access: it is meant by its own DO-ID and by 0. ``host``: who asks.
         """
-        wanted = data[_DO_ID_OFFSET]
-        meant: int | None = wanted
+        requested = data[_DO_ID_OFFSET]
+        meant: int | None = requested
         if slot_do is not None:
-            meant = slot_do if wanted in {0, slot_do} else None
+            meant = slot_do if requested in {0, slot_do} else None
         drive_object = self._objects.get(meant) if meant is not None else None
         worker = self._workers[drive_object.do_id if drive_object is not None else 0]
         return worker.submit(data, drive_object, host)

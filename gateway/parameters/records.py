@@ -169,9 +169,9 @@ class Records:
         owner = self._owner(caller, block)
         self._in_work[place] = self._requests[owner] = request
         self._requests.move_to_end(owner)
-        self._forget()
+        self._discard_old()
 
-    def _forget(self) -> None:
+    def _discard_old(self) -> None:
         """Limit the memory for unread answers: the oldest are discarded."""
         done = [owner for owner, request in self._requests.items() if request.done()]
         for owner in done[: max(0, len(self._requests) - _OUTSTANDING)]:

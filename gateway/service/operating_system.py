@@ -77,9 +77,9 @@ class ServiceManager:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if address else None
         if self._socket is not None:
             self._socket.setblocking(False)
-        wanted = environment.get("WATCHDOG_USEC", "")
+        interval = environment.get("WATCHDOG_USEC", "")
         mine = environment.get("WATCHDOG_PID", str(process)) == str(process)
-        self.interval_ns = int(wanted) * US // _SHARE if wanted.isdigit() and mine else 0
+        self.interval_ns = int(interval) * US // _SHARE if interval.isdigit() and mine else 0
         """Time between two signs of life; 0: none requested."""
         self._due = 0
         self.failures = 0

@@ -55,24 +55,24 @@ class Hub:
 
     def __init__(self, readers: Readers, port: int = 0) -> None:
         self._readers = readers
-        self._door = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            self._door.bind((HOST, port))
+            self._listener.bind((HOST, port))
         except OSError as error:
-            self._door.close()
+            self._listener.close()
             raise GatewayError(f"bus: {HOST} port {port} cannot be used ({error.strerror}); choose another") from error
-        self._door.setblocking(False)
+        self._listener.setblocking(False)
         self._members: list[socket.socket] = []
         self._joining: set[socket.socket] = set()
         """Those that may not be connected yet: the system refuses frames to them."""
         self._local: list[Receiver] = []
         self._waiting: deque[tuple[object, bytes]] = deque()
-        readers.register(self._door, selectors.EVENT_READ, self._admit)
+        readers.register(self._listener, selectors.EVENT_READ, self._admit)
 
     @property
     def channel(self) -> str:
         """The ``channel`` of the interface ``pdgw-bus`` for members."""
-        host, port = self._door.getsockname()
+        host, port = self._listener.getsockname()
         return f"{host}:{port}"
 
     @property
@@ -94,13 +94,13 @@ class Hub:
         """Close the bus for all members."""
         for member in tuple(self._members):
             self._remove(member)
-        self._readers.unregister(self._door)
-        self._door.close()
+        self._readers.unregister(self._listener)
+        self._listener.close()
 
     def _admit(self) -> None:
         # BlockingIOError: no data; others: error of a datagram to a member that ended
         with contextlib.suppress(OSError):
-            data, address = self._door.recvfrom(64)
+            data, address = self._listener.recvfrom(64)
             if data == JOIN:
                 member = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 member.bind((HOST, 0))
@@ -109,7 +109,7 @@ class Hub:
                 self._members.append(member)
                 self._joining.add(member)
                 self._readers.register(member, selectors.EVENT_READ, lambda: self._take(member))
-                self._door.sendto(WELCOME.pack(b"W", member.getsockname()[1]), address)
+                self._listener.sendto(WELCOME.pack(b"W", member.getsockname()[1]), address)
 
     def _take(self, member: socket.socket) -> None:
         for _ in range(_AT_ONCE):

@@ -83,7 +83,7 @@ class _Channel:
     out_of_range: bool = False
     speed: float = 0.0
     """Revolutions or millimetres per second."""
-    stands: bool = False
+    at_standstill: bool = False
     """At standstill: the measured speed is 0."""
     speed_from: tuple[int, float] | None = None
     offset: int = 0
@@ -98,7 +98,7 @@ class _Channel:
         if time - begin >= SPEED_WINDOW:
             self.speed = (self.mechanical - position) * SECOND / (time - begin)
             self.speed_from = (time, self.mechanical)
-            self.stands = self.speed == 0
+            self.at_standstill = self.speed == 0
 
 
 class EncoderModel:
@@ -161,7 +161,7 @@ class EncoderModel:
         moved.motion = motion
         moved.since = self._time
         moved.speed_from = None
-        moved.stands = False
+        moved.at_standstill = False
 
     def preset(self, value: int, channel: int = 1) -> None:
         """Set the present position to ``value`` and store the offset. Dsp406Error outside the range or for a wrong channel."""
@@ -226,7 +226,7 @@ class EncoderModel:
             scaling=bool(operating & Operating.SCALING),
             numerator=resolution if linear else read(objects.UNITS_PER_REVOLUTION, 0),
             denominator=read(objects.MEASURING_STEPS, 1) if linear else resolution,
-            wanted_range=read(objects.TOTAL_RANGE, 0),
+            total_range=read(objects.TOTAL_RANGE, 0),
             steps=self.device.steps,
         )
 
@@ -249,7 +249,7 @@ class EncoderModel:
 
     def next_change(self) -> int | None:
         """Time of the next possible change of the image without an input; None while all sensors are at standstill."""
-        if all(channel.stands and isinstance(channel.motion, Standstill) for channel in self.channels.values()):
+        if all(channel.at_standstill and isinstance(channel.motion, Standstill) for channel in self.channels.values()):
             return None
         return self._power_on + self._time + _LOOK_NS
 
@@ -257,7 +257,7 @@ class EncoderModel:
         """Commissioning diagnostics: check the sensor at standstill."""
         if not self.read(objects.OPERATING_PARAMETERS, 0) & Operating.COMMISSIONING_DIAGNOSTICS:
             self._drop_diagnosis()
-        elif all(channel.stands for channel in self.channels.values()):
+        elif all(channel.at_standstill for channel in self.channels.values()):
             if SENSOR_DEFECT in self.faults:
                 self._raise(COMMISSIONING_FAULT)
             else:

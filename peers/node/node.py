@@ -371,7 +371,7 @@ class SimulatedNode(Device):
         if target is None or target is self.state:
             return
         self.state = target
-        self.pdos.forget()
+        self.pdos.discard()
         self.on_nmt(target)
 
     def _consume_heartbeats(self) -> None:

@@ -82,7 +82,7 @@ class NodePdos:
         transmitted = (tpdo.pdo for tpdo in self._tpdos if tpdo.cob_id == can_id)
         return self.received.get(can_id) or next(transmitted, None)
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         """The NMT state has changed: no data waits for SYNC, and in operation every TPDO is sent."""
         self._waiting.clear()
         if self.node.state is _OPERATIONAL:

@@ -418,11 +418,11 @@ class Measuring(Reading):
 def _command(chosen: Telegram, sensor: int, command: int, functions: Iterable[int], **bits: int) -> Program:
     """Send a command. It takes effect on a change, so the previous one is removed first."""
     word = _one_of(chosen, f"G{sensor}_STW")
-    wanted = {f"FUNCTION_{number}": int(number in functions) for number in range(1, 5)} | bits
+    values = {f"FUNCTION_{number}": int(number in functions) for number in range(1, 5)} | bits
     return [
         Set({f"{word}.COMMAND": _NONE}),
         _PULSE_NS,
-        Set({**{f"{word}.{name}": value for name, value in wanted.items()}, f"{word}.COMMAND": command}),
+        Set({**{f"{word}.{name}": value for name, value in values.items()}, f"{word}.COMMAND": command}),
         _PULSE_NS,
     ]
 

@@ -176,10 +176,10 @@ class Engine:
         references = self.scenario.references
         half = self.endpoint.telegrams[axis].actuals
         conditions: list[tuple[Word, str, Callable[[int], bool]]] = []
-        for key, wanted in values.items():
+        for key, condition in values.items():
             word = find(key, half)
-            conditions.append((word, str(wanted), expected(references, word.signal, wanted)))
-        text = ", ".join(f"{word.name} {wanted}" for word, wanted, _ in conditions)
+            conditions.append((word, str(condition), expected(references, word.signal, condition)))
+        text = ", ".join(f"{word.name} {condition}" for word, condition, _ in conditions)
 
         def run(now: int) -> bool:
             actuals = self.endpoint.actuals[axis]
@@ -190,8 +190,8 @@ class Engine:
                 measured = f"no valid actual values: {self.endpoint.why_no_values(axis)}"
             else:
                 measured = ", ".join(
-                    f"{word.name} = {written(references, word.signal, wanted, word.of(actuals))}"
-                    for word, wanted, _ in conditions
+                    f"{word.name} = {written(references, word.signal, condition, word.of(actuals))}"
+                    for word, condition, _ in conditions
                 )
             self._report(axis, f"{name}: {text}" if name else text, met, measured, now)
             return True
@@ -205,9 +205,9 @@ class Engine:
 
         def run(now: int) -> bool:
             self._following = axis, item.rest
-            wanted = item.step(now, self.endpoint.actuals[axis])
-            self.endpoint.set(axis, item.rest if wanted is None else wanted)
-            if wanted is not None:
+            setpoints = item.step(now, self.endpoint.actuals[axis])
+            self.endpoint.set(axis, item.rest if setpoints is None else setpoints)
+            if setpoints is not None:
                 return False
             self._following = None
             self._report(axis, item.name, item.passed, item.measured, now)
@@ -259,15 +259,18 @@ def _outcome(answer: Future[list[Element]]) -> tuple[list[Element], str]:
     return [], str(error) if isinstance(error, GatewayError) else repr(error)
 
 
-def _check(step: Step, name: str, wanted: Scalar, *, write: bool) -> tuple[str, Callable[[Element], bool]]:
+def _check(step: Step, name: str, condition: Scalar, *, write: bool) -> tuple[str, Callable[[Element], bool]]:
     """The name of a result, and whether an answer has the required value, or is the required result of a write."""
     text = f"{step.note}: {name}" if step.note else name
     if write:
         if step.refused is None:
-            return f"{text} := {wanted}", lambda element: not element.failed
-        return f"{text} := {wanted} refused, error {step.refused:02X}h", lambda element: element.error == step.refused
+            return f"{text} := {condition}", lambda element: not element.failed
+        return (
+            f"{text} := {condition} refused, error {step.refused:02X}h",
+            lambda element: element.error == step.refused,
+        )
     try:
-        holds = comparison(wanted, lambda value: integer(name, value))
+        holds = comparison(condition, lambda value: integer(name, value))
     except GatewayError:
-        return f"{text} {wanted}", lambda element: element.value == wanted  # a name or octets
-    return f"{text} {wanted}", lambda element: isinstance(element.value, int | float) and holds(element.value)
+        return f"{text} {condition}", lambda element: element.value == condition  # a name or octets
+    return f"{text} {condition}", lambda element: isinstance(element.value, int | float) and holds(element.value)

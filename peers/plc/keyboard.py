@@ -296,8 +296,8 @@ class Keyboard:
         if key in (FASTER, SLOWER) and name is not None:
             item = self.endpoint.telegrams[axis - 1].setpoints.signal(name)
             now = round(item.percent(self.endpoint.setpoints[axis - 1][name]) or 0)
-            wanted = now + (STEP_PERCENT if key == FASTER else -STEP_PERCENT)
-            return {"set": {name: f"{max(-_FULL, min(_FULL, wanted))} %"}}
+            percent = now + (STEP_PERCENT if key == FASTER else -STEP_PERCENT)
+            return {"set": {name: f"{max(-_FULL, min(_FULL, percent))} %"}}
         item_of = KEYS[key]
         if item_of.back is not None and self._value(axis, item_of.held):
             return item_of.back

@@ -35,9 +35,9 @@ def parse_time(text: str) -> int:
     return int(Fraction(match[1]) * (MS if match[2] == "ms" else SECOND))
 
 
-def comparison(wanted: Scalar, raw: Callable[[Scalar], float]) -> Callable[[float], bool]:
+def comparison(condition: Scalar, raw: Callable[[Scalar], float]) -> Callable[[float], bool]:
     """Convert an expected value to a predicate. ``raw`` converts each value in the text to a number."""
-    text = str(wanted).strip()
+    text = str(condition).strip()
     match = re.fullmatch(r"&\s*(\S+)\s*=\s*(\S+)", text)
     if match:
         mask, bits = int(raw(match[1])), int(raw(match[2]))
@@ -58,15 +58,15 @@ def comparison(wanted: Scalar, raw: Callable[[Scalar], float]) -> Callable[[floa
     return lambda value: abs(value - middle) <= width
 
 
-def expected(references: References, item: Signal, wanted: Scalar) -> Callable[[int], bool]:
+def expected(references: References, item: Signal, condition: Scalar) -> Callable[[int], bool]:
     """Convert an expected value to a predicate on a signal's raw integer; GatewayError for an invalid text."""
     if not item.is_float:
-        return comparison(wanted, partial(raw_value, references, item))
-    if "&" in str(wanted):
+        return comparison(condition, partial(raw_value, references, item))
+    if "&" in str(condition):
         raise GatewayError(
-            f"{item.name} = {wanted}: & is allowed only for words of bits, expected a number, <= 5 or 100 +- 2"
+            f"{item.name} = {condition}: & is allowed only for words of bits, expected a number, <= 5 or 100 +- 2"
         )
-    holds = comparison(wanted, lambda value: float_of(raw_value(references, item, value)))
+    holds = comparison(condition, lambda value: float_of(raw_value(references, item, value)))
     return lambda raw: holds(float_of(raw))
 
 
@@ -90,14 +90,14 @@ def raw_value(references: References, item: Signal, value: Scalar) -> int:
     return integer(item.name, value, ", 50 %, 1500 rpm or 2000 inc")
 
 
-def written(references: References, item: Signal, wanted: str, value: int) -> str:
+def written(references: References, item: Signal, condition: str, value: int) -> str:
     """Format a raw value like the expected one: in its unit with one decimal, or in hexadecimal digits."""
     if item.is_float:
         return f"{float_of(value):g}"
-    unit = re.search(r"%|rpm|inc", wanted)
+    unit = re.search(r"%|rpm|inc", condition)
     if unit is not None:
         return f"{float(round(value / _scale(references, item, unit[0]), 1)):.1f} {unit[0]}"
-    if re.search(r"0x[0-9a-fA-F]|[0-9a-fA-F]h\b", wanted):
+    if re.search(r"0x[0-9a-fA-F]|[0-9a-fA-F]h\b", condition):
         digits = item.type.size * 2
         return f"{value & (1 << 4 * digits) - 1:0{digits}X}h"
     return str(value)

@@ -236,8 +236,10 @@ def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfi
 
 def _kind_of(axis: AxisConfig) -> Shape:
     """The variant with cyclic synchronous modes and a touch probe if the configuration may use them."""
-    wanted = axis.dsc is not None or axis.positioner is not None or "G1_STW" in telegram(axis.telegram).setpoints.names
-    return SYNCHRONOUS if wanted else ENGEL
+    synchronous = (
+        axis.dsc is not None or axis.positioner is not None or "G1_STW" in telegram(axis.telegram).setpoints.names
+    )
+    return SYNCHRONOUS if synchronous else ENGEL
 
 
 def _axis_of(axis: AxisConfig) -> Literal["rotary", "linear"]:

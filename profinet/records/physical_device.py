@@ -104,7 +104,7 @@ def faults(written: Written, station: Station, now: int) -> set[PortFault]:
                 found |= _compare(peer.port_id, peer.chassis_id, station.neighbour)
             case CheckPeers() if now >= station.link_since_ns + _SILENCE_NS:
                 found.add(PortFault.NO_PEER)
-            case CheckMauType(mau_type=wanted) if station.link_up and station.medium.mau_type not in {0, wanted}:
+            case CheckMauType(mau_type=expected) if station.link_up and station.medium.mau_type not in {0, expected}:
                 found.add(PortFault.MAU_TYPE)
     return found
 

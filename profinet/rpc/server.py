@@ -113,14 +113,13 @@ class RpcServer(Generic[Source]):
             call.answer = [self._status(PacketType.REJECT, header, RejectStatus.PROTOCOL_ERROR)]
             return call.answer
         if whole is None:
-            self._forget_unfinished()
-            wants_fack = Flags.NO_FACK not in header.flags
-            return [dcerpc.encode_fack(header, _WINDOW)] if wants_fack else []
+            self._discard_unfinished()
+            return [] if Flags.NO_FACK in header.flags else [dcerpc.encode_fack(header, _WINDOW)]
         call.answer = self._execute(header, whole, key[0], now)
         call.reassembly = Reassembly(0)
         return [] if Flags.MAYBE in header.flags else call.answer
 
-    def _forget_unfinished(self) -> None:
+    def _discard_unfinished(self) -> None:
         unfinished = [key for key, call in self._calls.items() if call.answer is None]
         for key in unfinished[:-_UNFINISHED]:
             del self._calls[key]

@@ -281,7 +281,7 @@ def test_a_whole_turn_is_the_units_per_revolution_whatever_the_resolution(units:
         scaling=True,
         numerator=units,
         denominator=4096,
-        wanted_range=1 << 32,
+        total_range=1 << 32,
         steps=4096 * turns,
     )
     assert rotary.total_range == units * turns
@@ -290,18 +290,16 @@ def test_a_whole_turn_is_the_units_per_revolution_whatever_the_resolution(units:
 
 def test_the_chain_of_the_parameters() -> None:
     unscaled = chain(
-        counterclockwise=True, scaling=False, numerator=360, denominator=4096, wanted_range=3600, steps=RANGE
+        counterclockwise=True, scaling=False, numerator=360, denominator=4096, total_range=3600, steps=RANGE
     )
     assert unscaled == Chain(True, 1, 1, RANGE)
     assert [unscaled.output(step, 0) for step in (0, 1, 2)] == [0, RANGE - 1, RANGE - 2]
-    scaled = chain(
-        counterclockwise=False, scaling=True, numerator=360, denominator=4096, wanted_range=3600, steps=RANGE
-    )
+    scaled = chain(counterclockwise=False, scaling=True, numerator=360, denominator=4096, total_range=3600, steps=RANGE)
     assert scaled.total_range == 3600
     assert [scaled.output(4096 * turn, 0) for turn in (1, 9, 10, 11)] == [360, 3240, 0, 360]
     assert scaled.output(-1, 0) == 3599
     assert scaled.output(2048, 0) == 180
-    small = chain(counterclockwise=False, scaling=True, numerator=1, denominator=4096, wanted_range=9999, steps=4096)
+    small = chain(counterclockwise=False, scaling=True, numerator=1, denominator=4096, total_range=9999, steps=4096)
     assert small.total_range == 1  # a range the hardware does not have is not reached
 
 

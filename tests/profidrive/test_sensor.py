@@ -34,7 +34,7 @@ class Bench:
 
     def found(self, **positions: int) -> None:
         assert self.sensor.measuring is not None
-        search = self.sensor.measuring.wanted
+        search = self.sensor.measuring.search
         assert search is not None
         self.sensor.measured(search, {int(key[1:]): value for key, value in positions.items()})
 
@@ -64,8 +64,8 @@ def test_only_the_first_reference_mark_exists() -> None:
     bench = Bench()
     assert bench.step(ACTIVATE | 0b0001)[0] == 0b0001
     assert bench.sensor.measuring is not None
-    assert bench.sensor.measuring.wanted is not None
-    assert not bench.sensor.measuring.wanted.on_the_fly
+    assert bench.sensor.measuring.search is not None
+    assert not bench.sensor.measuring.search.on_the_fly
     bench.step(0)
     assert bench.step(ACTIVATE | 0b0010)[::2] == (ERROR, SensorError.COMMAND_NOT_SUPPORTED)
 
@@ -75,7 +75,7 @@ def test_an_abort_ends_what_is_active() -> None:
     bench.step(ON_THE_FLY | ACTIVATE | 1)
     assert bench.step(ON_THE_FLY | ABORT | 1)[0] == 0
     assert bench.sensor.measuring is not None
-    assert bench.sensor.measuring.wanted is None
+    assert bench.sensor.measuring.search is None
 
 
 @pytest.mark.parametrize(
@@ -100,11 +100,11 @@ def test_unexecuted_measurement_is_an_error(mode: int, supported: bool, error: S
     bench = Bench()
     bench.step(mode | ACTIVATE | 1)
     assert bench.sensor.measuring is not None
-    search = bench.sensor.measuring.wanted
+    search = bench.sensor.measuring.search
     assert search is not None
     bench.sensor.measurement_failed(search, supported=supported)
     assert bench.step(mode | ACTIVATE | 1)[::2] == (ERROR, error)
-    assert bench.sensor.measuring.wanted is None, "an error ends what is active"
+    assert bench.sensor.measuring.search is None, "an error ends what is active"
 
 
 def test_parking_ends_a_measurement_and_its_values() -> None:

@@ -177,9 +177,9 @@ def difference(session: Session, dump: Dump, progress: Progress | None = None) -
 
 def other_telegram(pairs: Sequence[Pair]) -> tuple[int, int] | None:
     """The telegrams of the device and of the file, where they differ."""
-    for wanted, found in pairs:
-        if wanted.pnu == Pnu.TELEGRAM and isinstance(wanted.value, int) and isinstance(found.value, int):
-            return found.value, wanted.value
+    for saved, found in pairs:
+        if saved.pnu == Pnu.TELEGRAM and isinstance(saved.value, int) and isinstance(found.value, int):
+            return found.value, saved.value
     return None
 
 
@@ -206,11 +206,11 @@ def restore(
     # Parameters that must be written last wait until all others are accepted.
     parts = [[pair for pair in pairs if pair[0].pnu not in _LAST], *([pair] for pair in pairs if pair[0].pnu in _LAST)]
     for part in parts:
-        results = session.write([(wanted.target, wanted.values()) for wanted, _ in part], progress)
-        for result, (wanted, found) in zip(results, part, strict=True):
+        results = session.write([(saved.target, saved.values()) for saved, _ in part], progress)
+        for result, (saved, found) in zip(results, part, strict=True):
             (failed if result.failed else written).append(result)
             if not result.failed and found.format is not None:
-                old.append((wanted.target, parse_value(str(found.value), found.format)))
+                old.append((saved.target, parse_value(str(found.value), found.format)))
         if failed and not partial:
             back = session.write(old[::-1])
             return Restored(written, failed, True, tuple(item for item in back if item.failed))

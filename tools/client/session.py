@@ -263,17 +263,17 @@ def _description(answer: Values) -> Description | None:
 def _addresses(target: Target, description: Description | None) -> list[ParameterAddress]:
     pnu = target.pnu
     if target.elements is not None:
-        wanted = target.elements
+        elements = target.elements
     elif description is not None and description.array:
-        wanted = range(description.count)
+        elements = range(description.count)
     else:
         return [ParameterAddress(pnu)]
     if pnu in OBJECT_PNUS:
         # The entries of an object may have different types, and may be missing.
-        return [ParameterAddress(pnu, subindex, 1) for subindex in wanted]
+        return [ParameterAddress(pnu, subindex, 1) for subindex in elements]
     return [
-        ParameterAddress(pnu, start, min(MAX_ELEMENTS, wanted.stop - start))
-        for start in range(wanted.start, wanted.stop, MAX_ELEMENTS)
+        ParameterAddress(pnu, start, min(MAX_ELEMENTS, elements.stop - start))
+        for start in range(elements.start, elements.stop, MAX_ELEMENTS)
     ]
 
 

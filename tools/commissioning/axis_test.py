@@ -28,7 +28,7 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.commissioning.chain_comparison import Measurement, judge, judge_turns, rpm
+from pdgw.tools.commissioning.chain_comparison import Measurement, compare, compare_turns, rpm
 
 TELEGRAM = 1
 _CYCLE_NS = 10 * MS
@@ -219,9 +219,9 @@ class AxisTest:
         self._power_up()
         self._begun = self._position()
         self._watched_at = self._loop.now()
-        self._judge(drive, self._hold(drive, self._choices.percent * _CREEP))
+        self._compare(drive, self._hold(drive, self._choices.percent * _CREEP))
         if self.outcome.passed:
-            self._judge(drive, self._hold(drive, self._choices.percent))
+            self._compare(drive, self._hold(drive, self._choices.percent))
         else:
             self._report("the test does not turn it faster")
         self._command(_ON)
@@ -358,13 +358,13 @@ class AxisTest:
 
     def _follows_speed(self, drive: DriveType) -> bool:
         target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
-        wanted = drive.scaling.reference(Quantity.SPEED) * self._endpoint.setpoints[0][_NSOLL.name] / _NSOLL.raw(100)
-        if wanted and abs(wanted) < 1:
+        expected = drive.scaling.reference(Quantity.SPEED) * self._endpoint.setpoints[0][_NSOLL.name] / _NSOLL.raw(100)
+        if expected and abs(expected) < 1:
             raise AxisTestError(
-                f"60FFh cannot be {float(wanted):g}: the speed is below one unit, choose a higher --percent"
+                f"60FFh cannot be {float(expected):g}: the speed is below one unit, choose a higher --percent"
             )
         near = max(Fraction(2), abs(target) * _STEADY)
-        return bool(target) and abs(target - wanted) <= 1 and abs(velocity - target) <= near
+        return bool(target) and abs(target - expected) <= 1 and abs(velocity - target) <= near
 
     def _at_standstill(self) -> bool:
         return abs(self._axis.drive.feedback.velocity_actual) <= self._still
@@ -459,13 +459,13 @@ class AxisTest:
 
     # -- the result -----------------------------------------------------------------------------------------------------
 
-    def _judge(self, drive: DriveType, held: Measurement) -> None:
-        judgement = judge(drive, held)
-        for line in judgement.lines:
+    def _compare(self, drive: DriveType, held: Measurement) -> None:
+        comparison = compare(drive, held)
+        for line in comparison.lines:
             self._report(line)
         outcome = self.outcome
-        outcome.passed = judgement.passed
-        outcome.speed_factor, outcome.position_factor = judgement.speed_factor, judgement.position_factor
+        outcome.passed = comparison.passed
+        outcome.speed_factor, outcome.position_factor = comparison.speed_factor, comparison.position_factor
 
     def _show_way(self, drive: DriveType) -> Fraction:
         """Print how far 6064h moved. Return the turns that the shaft must have made."""
@@ -489,7 +489,7 @@ class AxisTest:
         except AxisTestError as error:
             self._report(f"not verified: {error}")
             return
-        seen, wrong = judge_turns(typed[0], turns)
+        seen, wrong = compare_turns(typed[0], turns)
         outcome.confirmed = seen and not wrong
         outcome.passed = not wrong
         if not outcome.confirmed:

@@ -35,7 +35,7 @@ class Measurement:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class Comparison:
     """A factor is measured divided by commanded, None if unknown. ``passed``: all factors are within their tolerance."""
 
     passed: bool
@@ -51,7 +51,7 @@ def rpm(drive: DriveType, velocity: Fraction | int) -> Fraction:
     return velocity * rated / drive.scaling.reference(Quantity.SPEED)
 
 
-def judge(drive: DriveType, held: Measurement) -> Judgement:
+def compare(drive: DriveType, held: Measurement) -> Comparison:
     """Compare speed and position with the command."""
     commanded = rpm(drive, held.target)
     speed = held.velocity / held.target
@@ -64,12 +64,12 @@ def judge(drive: DriveType, held: Measurement) -> Judgement:
     moved, counts = held.moved, drive.scaling.counts_per_revolution
     if moved is None:
         lines.append("position   none (6064h): only the drive reports the speed; compare it with a mark on the shaft")
-        return Judgement(passed, tuple(lines), speed, None)
+        return Comparison(passed, tuple(lines), speed, None)
     way = f"position   6064h {moved:+d} in {float(held.seconds):.2f} s"
     if counts is None:
         would = moved / (commanded * held.seconds / SECONDS_PER_MINUTE)
         lines.append(f"{way}: counts_per_revolution is unknown, {float(would):.0f} would match the commanded speed")
-        return Judgement(passed, tuple(lines), speed, None)
+        return Comparison(passed, tuple(lines), speed, None)
     seen = moved / counts / held.seconds * SECONDS_PER_MINUTE
     factor = seen / commanded
     lines.append(f"{way} = {_g(seen)} rpm ({_g(counts)} in one revolution): factor {float(factor):.3f}")
@@ -81,10 +81,10 @@ def judge(drive: DriveType, held: Measurement) -> Judgement:
             f"the shaft: if it turned at {_g(commanded)} rpm, one revolution is {_g(counts * abs(factor))} of "
             f"6064h; if at {_g(seen)} rpm, one unit of 60FFh is {_g(seen / held.target)} rpm"
         )
-    return Judgement(passed, tuple(lines), speed, factor)
+    return Comparison(passed, tuple(lines), speed, factor)
 
 
-def judge_turns(typed: str, turns: Fraction) -> tuple[bool, str]:
+def compare_turns(typed: str, turns: Fraction) -> tuple[bool, str]:
     """Compare the number of turns a person typed with the commanded one: (whether it is a number, what is wrong with it)."""
     try:
         seen = Fraction(typed.strip().replace(",", "."))

@@ -35,7 +35,7 @@ class Curve:
 
     label: str
     value: Callable[[Values], float]
-    wanted: bool = False
+    setpoint: bool = False
     """A setpoint, drawn in steps."""
 
 
@@ -54,8 +54,8 @@ def _panel(telegram: int, what: str, unit: str, axis: int, *curves: Curve) -> Pa
     return Panel(f"Telegram {telegram}: {what}", unit, axis, curves, f"telegram {telegram}")
 
 
-def _scaled(name: str, scale: float = 1.0, *, wanted: bool = False) -> Curve:
-    return Curve(name, lambda values: values[name] * scale, wanted)
+def _scaled(name: str, scale: float = 1.0, *, setpoint: bool = False) -> Curve:
+    return Curve(name, lambda values: values[name] * scale, setpoint)
 
 
 @dataclass(frozen=True)
@@ -117,10 +117,12 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
             _SCENARIOS / "demo.yaml",
             ({"telegram": 1}, {"telegram": 9}, {"telegram": 100}),
             (
-                _panel(1, "speed", "rpm", 1, _scaled("NSOLL_A", _N2, wanted=True), _scaled("NIST_A", _N2)),
-                _panel(9, "position", "increments", 2, _scaled("MDI_TARPOS", _P4, wanted=True), _scaled("XIST_A", _P4)),
+                _panel(1, "speed", "rpm", 1, _scaled("NSOLL_A", _N2, setpoint=True), _scaled("NIST_A", _N2)),
                 _panel(
-                    *(100, "speed", "rpm", 3, _scaled("Target Velocity", _RPM_PER_UNIT, wanted=True)),
+                    9, "position", "increments", 2, _scaled("MDI_TARPOS", _P4, setpoint=True), _scaled("XIST_A", _P4)
+                ),
+                _panel(
+                    *(100, "speed", "rpm", 3, _scaled("Target Velocity", _RPM_PER_UNIT, setpoint=True)),
                     _scaled("Velocity Actual Value", _RPM_PER_UNIT),
                 ),
                 _panel(83, "speed of the encoder on axis 1", "rpm", 4, _scaled("NIST_B", _N4)),
@@ -133,7 +135,7 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
             _SCENARIOS / "demo-positioner.yaml",
             ({"telegram": 111, "positioner": {**SIMULATED_KEYS, "software_limits": [-20_000, 90_000]}},),
             (
-                _panel(111, "position", "LU", 1, _scaled("MDI_TARPOS", wanted=True), _scaled("XIST_A")),
+                _panel(111, "position", "LU", 1, _scaled("MDI_TARPOS", setpoint=True), _scaled("XIST_A")),
                 _panel(111, "speed", "rpm", 1, _scaled("NIST_B", _N4)),
                 _panel(
                     *(111, "override and active block", "", 1),
@@ -156,7 +158,7 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
                     Curve("G1_XIST1", lambda v: _wide(v["G1_XIST1"])),
                 ),
                 _panel(105, "position error as the PLC sees it", "increments", 1, _scaled("XERR")),
-                _panel(105, "speed", "rpm", 1, _scaled("NSOLL_B", _N4, wanted=True), _scaled("NIST_B", _N4)),
+                _panel(105, "speed", "rpm", 1, _scaled("NSOLL_B", _N4, setpoint=True), _scaled("NIST_B", _N4)),
             ),
             cycle_ms=4,
             like=SYNCHRONOUS,

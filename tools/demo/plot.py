@@ -126,9 +126,9 @@ def _shade(place: Any, spans: Sequence[tuple[float, float, str]]) -> None:
 def _draw(place: Any, panel: Panel, seen: _Seen) -> None:
     drawn = {True: 0, False: 0}
     for curve in panel.curves:
-        colours = _COLOURS[curve.wanted]
-        _draw_curve(place, curve, seen, colours[drawn[curve.wanted] % len(colours)])
-        drawn[curve.wanted] += 1
+        colours = _COLOURS[curve.setpoint]
+        _draw_curve(place, curve, seen, colours[drawn[curve.setpoint] % len(colours)])
+        drawn[curve.setpoint] += 1
     _shade(place, seen.states.spans.get("", ()))
     place.set_title(panel.title, loc="left", fontsize=11, fontweight="bold", pad=24)
     place.set_ylabel(panel.unit)
@@ -157,7 +157,7 @@ def _mark(place: Any, notes: list[tuple[float, str]], *, texts: bool) -> None:
 
 def _draw_curve(place: Any, curve: Curve, seen: _Seen, colour: str) -> None:
     values = [curve.value(values) for values in seen.values]
-    if curve.wanted:
+    if curve.setpoint:
         place.step(seen.times, values, where="post", color=colour, lw=1.2, label=curve.label)
     else:
         place.plot(seen.times, values, color=colour, lw=1.6, label=curve.label)

@@ -107,8 +107,8 @@ def usual(found: dict[str, Curve], chosen: Telegram) -> list[str]:
     pair = [next((item.name for item in half.signals if shown(item)), None) for half in halves]
     if None not in pair:
         return [name for name in pair if name is not None]
-    wanted = ("velocity", "position", "NIST_B", "NIST_A", "G1_XIST1")
-    return [name for name in found if name in wanted][:2]
+    preferred = ("velocity", "position", "NIST_B", "NIST_A", "G1_XIST1")
+    return [name for name in found if name in preferred][:2]
 
 
 def columns(cycles: Sequence[Cycle], chosen: Sequence[Curve]) -> list[Column]:

@@ -223,7 +223,7 @@ class SensorWords:
             sensor.measurement_failed(search, supported=answer.supported)
 
     def _detect_search(self, measuring: Measuring) -> None:
-        search = measuring.wanted
+        search = measuring.search
         if search is not self._search:
             self._search = search
             self.probe = None

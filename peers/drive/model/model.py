@@ -500,11 +500,11 @@ class DriveModel:
         """One tick of deceleration to standstill (rpm/s); True at standstill."""
         return self.ramp.linear(0.0, deceleration, deceleration) == 0.0
 
-    def follow_at_once(self, wanted: float) -> None:
+    def follow_at_once(self, speed: float) -> None:
         """Change the speed (rpm) without a ramp, within the limits of motor and limit switches."""
         limit = self.max_rpm
-        self.limited = self.against_limit(wanted)
-        self.ramp.set(0.0 if self.limited else min(max(wanted, -limit), limit))
+        self.limited = self.against_limit(speed)
+        self.ramp.set(0.0 if self.limited else min(max(speed, -limit), limit))
 
     def stop_at(self, position: float) -> None:
         """Stop at a position (increments)."""

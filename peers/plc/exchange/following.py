@@ -190,8 +190,8 @@ class Following:
         target = self._base + self._wish.by / 2 * (1 - math.cos(angle))
         speed = self._wish.by / 2 * 2 * math.pi * self._wish.frequency * math.sin(angle)
         rpm = speed / self._increments * SECONDS_PER_MINUTE if self._wish.feed_forward else 0.0
-        wanted = self._loop.step(target, actuals, rpm)
+        setpoints = self._loop.step(target, actuals, rpm)
         self._worst = max(self._worst, abs(self._loop.error))
         # Without DSC, XERR has no effect; it is only displayed.
-        wanted["XERR"] = round(self._loop.error)
-        return {name: wanted[name] for name in self.rest}
+        setpoints["XERR"] = round(self._loop.error)
+        return {name: setpoints[name] for name in self.rest}

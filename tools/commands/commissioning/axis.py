@@ -85,8 +85,8 @@ def _asking(loop: Loop) -> Callable[[str, Callable[[str], None]], None]:
     """Return a function that asks on the terminal while the gateway keeps running. The end of the input confirms nothing."""
     from pdgw.tools.commissioning.axis_test import TURNS
 
-    def ask(wanted: str, answer: Callable[[str], None]) -> None:
-        typer.echo("Turns: " if wanted == TURNS else f"Type '{wanted}' to continue: ", nl=False)
+    def ask(expected: str, answer: Callable[[str], None]) -> None:
+        typer.echo("Turns: " if expected == TURNS else f"Type '{expected}' to continue: ", nl=False)
 
         def read() -> None:
             line = sys.stdin.readline()

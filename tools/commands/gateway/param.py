@@ -296,12 +296,12 @@ def restore_(
             ("parameter", "name", "device", "file"),
             (
                 (
-                    address_text(wanted.pnu, wanted.subindex),
-                    session.name_and_unit(wanted.pnu, wanted.subindex)[0],
+                    address_text(item.pnu, item.subindex),
+                    session.name_and_unit(item.pnu, item.subindex)[0],
                     found.error_text if found.failed else str(found.value),
-                    str(wanted.value),
+                    str(item.value),
                 )
-                for wanted, found in pairs
+                for item, found in pairs
             ),
         )
         if dry_run:

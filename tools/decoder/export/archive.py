@@ -223,7 +223,7 @@ def write_part(file: str, root: Path, options: ArchiveOptions) -> Part:
     notices = dict.fromkeys(text for text in (notice, inference) if text)
     chosen = [name for name in options.signals if name.lower() not in {"axis", "node", "time"}]
     columns = Columns(["axis", "node", *chosen], known.names)
-    wanted = Filter(options.filter_text, known.names) if options.filter_text is not None else None
+    selection = Filter(options.filter_text, known.names) if options.filter_text is not None else None
     folder = root / f"file={quote(file.lstrip('/'), safe='')}"
     unfinished = folder.with_name(folder.name + _UNFINISHED)
     shutil.rmtree(unfinished, ignore_errors=True)
@@ -233,10 +233,10 @@ def write_part(file: str, root: Path, options: ArchiveOptions) -> Part:
         with open_source(file) as source:
             for packet in source.packets:
                 record = decoder.decode(packet)
-                units = wanted.select(record) if wanted is not None else record.units
+                units = selection.select(record) if selection is not None else record.units
                 if units is None:
                     continue
-                for _, row in columns.rows(record) if wanted is None else columns.unit_rows(record, units):
+                for _, row in columns.rows(record) if selection is None else columns.unit_rows(record, units):
                     axis = int(row[0] or 0)
                     table = tables.get(axis)
                     if table is None:

@@ -52,8 +52,8 @@ def _other(text: str) -> Payload:
     return Payload(Carried.OTHER, b"", text=text)
 
 
-def _short(what: str, size: int, wanted: int) -> Payload:
-    return _other(f"{what} cut off: {size} bytes, at least {wanted} expected")
+def _short(what: str, size: int, least: int) -> Payload:
+    return _other(f"{what} cut off: {size} bytes, at least {least} expected")
 
 
 def _udp(data: bytes, source: bytes, destination: bytes) -> Payload:

@@ -82,10 +82,10 @@ def packet_of(
     ``telegrams``: those of the axes; without them the length of telegram words decides. ``direction``: setpoints or actual
     values where no FrameID says so; by default setpoints.
     """
-    wanted = direction or Direction.SETPOINT
-    unit = _c_sdu(data, telegrams, wanted) if telegrams else None
+    assumed = direction or Direction.SETPOINT
+    unit = _c_sdu(data, telegrams, assumed) if telegrams else None
     if unit is not None:
-        return _cyclic(wanted, unit), telegrams
+        return _cyclic(assumed, unit), telegrams
     if _is_frame(data):
         return _ethernet(data), telegrams
     standard = unswap(data)
@@ -95,13 +95,13 @@ def packet_of(
         return _acyclic(PacketType.REQUEST, Operation.WRITE, BlockType.WRITE_REQUEST, data), telegrams
     if _is_response(data):
         return _acyclic(PacketType.RESPONSE, Operation.READ, BlockType.READ_RESPONSE, data), telegrams
-    fitting = [number for number, known in TELEGRAMS.items() if known.half(wanted).size == len(data)]
+    fitting = [number for number, known in TELEGRAMS.items() if known.half(assumed).size == len(data)]
     if fitting and not telegrams:
         chosen = [likeliest(fitting)]
-        return _cyclic(wanted, _c_sdu(data, chosen, wanted) or b""), chosen
+        return _cyclic(assumed, _c_sdu(data, chosen, assumed) or b""), chosen
     expected = "telegram words, a C_SDU, a cyclic frame, or a parameter request or response"
     for number in telegrams:
-        expected += f" ({wanted.value}s of telegram {number} have {telegram(number).half(wanted).size} bytes)"
+        expected += f" ({assumed.value}s of telegram {number} have {telegram(number).half(assumed).size} bytes)"
     raise ProfidriveError("data", f"{len(data)} bytes {data[:8].hex(' ')}", expected)
 
 

@@ -33,7 +33,7 @@ HOLD_NS: Final = RESPONSE_NS + 100 * MS
 _TICK_NS: Final = 10 * MS
 _UNUSED: Final = 8
 """Number of consecutive answers without use of the PLC's frames that cannot be a crossing of frames and answers."""
-_JUDGED: Final = 16
+_STEPS_FOR_USUAL: Final = 16
 """Steps of the cycle counter after which its increment is known."""
 _COUNTER_CYCLES: Final = 10
 """Tolerance in cycles of a counter that is a clock: a recorder and a busy sender wait."""
@@ -170,7 +170,7 @@ class _CycleCounter:
         self._steps[step] += 1
         if self._steps[step] > self._steps[self._usual]:
             self._usual = step
-        if step == self._usual or self._steps.total() < _JUDGED:
+        if step == self._usual or self._steps.total() < _STEPS_FOR_USUAL:
             return None
         times, rest = divmod(step, self._usual)
         text = f"counter {last} -> {counter}"
