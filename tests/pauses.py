@@ -39,7 +39,7 @@ def runs(process: int) -> bool:
     return state not in "TtZX"
 
 
-def tell(processes: list[int], number: signal.Signals) -> None:
+def send(processes: list[int], number: signal.Signals) -> None:
     for process in processes:
         with contextlib.suppress(ProcessLookupError):
             os.kill(process, number)
@@ -55,10 +55,10 @@ def hold_up(root: int, chance: random.Random, ended: threading.Event, longest_s:
         if not held:
             continue
         try:
-            tell(held, signal.SIGSTOP)
+            send(held, signal.SIGSTOP)
             ended.wait(chance.uniform(0, longest_s))
         finally:
-            tell(held, signal.SIGCONT)
+            send(held, signal.SIGCONT)
         pauses += 1
     return pauses
 

@@ -1,7 +1,7 @@
 """The language of everything a person reads: no word of the list in ``tests/language.toml``.
 
 Read are the help of every command, the texts of messages, the texts of the web page, the documents, and the docstrings and
-comments of all packages, and the names of their files, functions, classes and constants.
+comments of all packages, and the names of their and the tests' files, functions, classes and constants.
 """
 
 from __future__ import annotations
@@ -17,18 +17,16 @@ from typing import Any, Final, NamedTuple
 import pytest
 
 from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS
-from tests.support.documents.sources import QUOTED, within
+from tests.support.documents.sources import QUOTED, ROOMS, within
 
 ROOT: Final = Path(__file__).parents[1]
 _DATA: Final = tomllib.loads((ROOT / "tests/language.toml").read_text("utf-8"))
 RULES: Final = [(re.compile(rf"\b(?:{rule['pattern']})\b", re.IGNORECASE), rule["instead"]) for rule in _DATA["rule"]]
 EXCEPTIONS: Final = _DATA["exception"]
 OLD_NAMES: Final[list[str]] = _DATA["names"]["old"]
-"""Names with a word of the list, to be renamed with the next change of their module. No name is added."""
-PACKAGES: Final = (
-    *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway", "pdgw"),
-    *("peers", "profidrive", "profinet", "recording", "tools", "web", "tests/long"),
-)
+"""Names with a word of the list that files of users have. No name is added."""
+PACKAGES: Final = (*ROOMS, "tests/long")
+_DEFINED: Final = re.compile(r"^ *(?:(?:async )?def |class |(?=[A-Z_]+\b(?::.*)? = ))(\w+)", re.MULTILINE)
 _COMMENT: Final = re.compile(rf"{QUOTED}|(#.*)")
 _WORDS: Final = 3
 """A literal with fewer words is a name or a key."""
@@ -127,16 +125,10 @@ def comments(source: str) -> Iterator[tuple[int, str]]:
             yield source.count("\n", 0, match.start()) + 1, match[1].replace("``", "`")
 
 
-def names(module: str, tree: ast.Module) -> Iterator[str]:
+def names(module: str, source: str) -> Iterator[str]:
     """The names of a module, its functions, classes and constants, as words."""
-    defined = [module]
-    for statement in within(tree):
-        match statement:
-            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
-                defined.append(name)
-            case ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)) if name.isupper():
-                defined.append(name)
-    return (re.sub(r"(?<=[a-z0-9])(?=[A-Z])|_", " ", name).strip().lower() for name in defined)
+    for name in (module, *_DEFINED.findall(source)):
+        yield re.sub(r"(?<=[a-z0-9])(?=[A-Z])|_", " ", name).strip().lower()
 
 
 class Texts(NamedTuple):
@@ -144,13 +136,12 @@ class Texts(NamedTuple):
 
     messages: list[tuple[str, str]]
     notes: list[tuple[str, str]]
-    names: list[str]
 
 
 @cache
 def texts_of(package: str) -> Texts:
     """The texts of a package without its tests."""
-    found = Texts([], [], [])
+    found = Texts([], [])
     for path in sorted((ROOT / package).rglob("*.py")):
         if path.name.startswith("test_"):
             continue
@@ -158,7 +149,6 @@ def texts_of(package: str) -> Texts:
         tree, place = ast.parse(source), path.relative_to(ROOT)
         found.messages.extend((f"{place}:{line}", text) for line, text in literals(tree))
         found.notes.extend((f"{place}:{line}", text) for line, text in (*docstrings(tree), *comments(source)))
-        found.names.extend(names(path.stem, tree))
     return found
 
 
@@ -173,7 +163,9 @@ def test_docstrings_and_comments_have_no_word_of_the_list(package: str) -> None:
 
 
 def test_names_have_no_word_of_the_list() -> None:
-    found = {name: wrong for package in PACKAGES for name in texts_of(package).names if (wrong := found_in(name))}
+    paths = (path for package in (*PACKAGES, "tests") for path in (ROOT / package).rglob("*.py"))
+    defined = {name for path in paths for name in names(path.stem, path.read_text("utf-8"))}
+    found = {name: wrong for name in defined if (wrong := found_in(name))}
     assert {name: wrong for name, wrong in found.items() if name not in OLD_NAMES} == {}
     assert set(OLD_NAMES) - found.keys() == set(), "renamed: remove it from tests/language.toml"
 
@@ -223,8 +215,8 @@ def test_the_gate_finds_a_word_of_the_list_in_each_kind_of_text() -> None:
     assert [text for _, text in page_texts("html`<p>Nobody is here.</p>`")] == ["Nobody is here."]
     assert [text for _, text in docstrings(ast.parse('x = 1\n"""Told ``so``."""\n'))] == ["Told `so`."]
     assert [text for _, text in comments("x = 1  # told `so`\n")] == ["# told `so`"]
-    tree = ast.parse("class OldStory:\n    def tell_all(self): ...\n\n\n_SO_FAR = 1\nlocal = 2\n")
-    assert [*names("a", tree)] == ["a", "old story", "tell all", "so far"]
+    source = "class OldStory:\n    def tell_all(self): ...\n\n\n_SO_FAR = 1\nlocal = 2\n"
+    assert [*names("a", source)] == ["a", "old story", "tell all", "so far"]
     assert [text for _, text in prose("a\n```\ntold\n```\n[b](told.md)")] == ["a", "[b]"]
 
 

@@ -23,7 +23,7 @@ ON_THEIR_OWN = {"tour", "can"}
 def test_number_of_tests_with_processes_or_real_time_is_limited(request: pytest.FixtureRequest) -> None:
     real = [item for item in request.session.items if is_real(item) and item.path.parent.name not in ON_THEIR_OWN]
     assert len(real) <= AT_MOST, (
-        "too many tests are marked e2e or browser: play it in virtual time (World), in this process (tests/support/cli.py), "
+        "too many tests are marked e2e or browser: run it in virtual time (World), in this process (tests/support/cli.py), "
         "or beside what another test has started"
     )
 

@@ -39,7 +39,7 @@ def axis_table(number: int, channel: str, more: str = "") -> str:
 
 class Plant:
     """``tables``: the buses and axes of the configuration; ``plc``: the PLC's address; ``listen``: further keys of the transport.
-    ``play`` runs the steps of a test while the gateway runs."""
+    ``run_steps`` runs the steps of a test while the gateway runs."""
 
     def __init__(self, *tables: str, plc: str = "127.0.0.1", listen: str = "watchdog_factor = 100\n") -> None:
         transport = f"cyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\n{listen}"
@@ -63,7 +63,7 @@ class Plant:
         """Run something slow, such as a command, while the gateway keeps running."""
         return self.loop.result(self.loop.offload(action))
 
-    def play(self, sequence: Callable[[], None]) -> None:
+    def run_steps(self, sequence: Callable[[], None]) -> None:
         """Run a test sequence to its end and raise its exception here. Then stop the gateway in order."""
         loop = self.loop
         outcome: list[BaseException | None] = []

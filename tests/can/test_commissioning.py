@@ -77,7 +77,7 @@ def test_candump_sees_what_the_gateway_records_and_tshark_reads_both(line: Wire,
                 plant.until(lambda: ENABLE.search(seen.read_text()), "candump has seen it")
                 plant.stays(plant.turns, "turns on")
 
-            plant.play(sequence)
+            plant.run_steps(sequence)
         finally:
             candump.terminate()
     recorded = Path(recording(tmp_path))
@@ -109,7 +109,7 @@ def test_cansend_can_take_a_node_out_of_operation_and_the_axis_stops(line: Wire)
         plant.stays(lambda: plant.state() == INHIBITED, "the ON that is still 1 starts nothing")
         plant.turn()
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 # -- a network that delays, loses, repeats and reorders frames of the PLC ---------------------------------------------
@@ -164,4 +164,4 @@ def test_frames_that_a_network_delays_loses_and_repeats_start_no_drive(line: Wir
         assert 0.1 < snapshot(plant.daemon)["age_times"]["max_s"] <= LIMIT_S
         plant.turn()
 
-    plant.play(sequence)
+    plant.run_steps(sequence)

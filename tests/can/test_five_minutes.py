@@ -62,14 +62,14 @@ def press(plc: Forked, key: str, shown: tuple[object, object], *processes: Forke
     given_up = plc.text.count("not met")
     plc.type(key)
 
-    def obeyed() -> bool:
+    def in_operation() -> bool:
         nonlocal given_up
         if plc.text.count("not met") > given_up:
             given_up += 1
             plc.type(key)
         return axis() == shown
 
-    wait_for(obeyed, f"after {key}", *processes)
+    wait_for(in_operation, f"after {key}", *processes)
 
 
 def test_the_five_minutes_of_the_readme_turn_a_drive(

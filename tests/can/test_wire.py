@@ -32,7 +32,7 @@ def test_a_drive_turns_and_its_frames_are_read_by_the_socket_without_a_thread(li
         plant.command(OFF)
         plant.until(lambda: plant.state() in {1, 3} and plant.value("NIST_A") == 0, "standstill")
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 def test_link_down_stops_the_drive_and_link_up_does_not_start_it(line: Wire) -> None:
@@ -53,7 +53,7 @@ def test_link_down_stops_the_drive_and_link_up_does_not_start_it(line: Wire) -> 
         )
         plant.turn()
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 def test_unplugged_adapter_is_used_again_after_plugging_it_in(line: Wire) -> None:
@@ -73,7 +73,7 @@ def test_unplugged_adapter_is_used_again_after_plugging_it_in(line: Wire) -> Non
         )
         plant.turn()
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 FOREIGN = {
@@ -107,7 +107,7 @@ def test_foreign_frames_do_not_disturb_a_turning_drive(virtual: str) -> None:
                 plant.stays(plant.turns, what, 0.3)
         assert plant.counter(f"node 1 on {virtual}", "length_errors") == 2
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 def test_can_fd_frames_are_ignored_on_a_can_fd_interface(virtual: str) -> None:
@@ -127,7 +127,7 @@ def test_can_fd_frames_are_ignored_on_a_can_fd_interface(virtual: str) -> None:
             plant.stays(plant.turns, "turns on", 0.5)
         assert plant.counter(f"node 1 on {virtual}", "length_errors") == 0
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 def test_controller_errors_are_counted_and_bus_off_stops_until_off_and_on(virtual: str) -> None:
@@ -140,23 +140,23 @@ def test_controller_errors_are_counted_and_bus_off_stops_until_off_and_on(virtua
     def sequence() -> None:
         with open_bus("socketcan", virtual) as kernel:
 
-            def tell(bits: int, data: bytes = bytes(8)) -> None:
+            def report(bits: int, data: bytes = bytes(8)) -> None:
                 kernel.send(can.Message(arbitration_id=bits, is_error_frame=True, is_extended_id=False, data=data))
 
             plant.turn()
-            tell(controller, passive)
+            report(controller, passive)
             plant.until(lambda: plant.counter(part, "error_passive") == 1, "error-passive")
             plant.stays(plant.turns, "turns on", 0.3)
-            tell(bus_off)
+            report(bus_off)
             plant.until(lambda: plant.counter(part, "bus_off") == 1, "bus-off")
-            tell(restarted)
+            report(restarted)
             plant.until(lambda: plant.counter(part, "error_frames") == 3, "three messages")
             plant.until(lambda: drive.model.velocity_actual == 0, "standstill")
             plant.until(lambda: plant.daemon.networks[virtual].healthy, "a frame of the drive")
             plant.stays(lambda: plant.state() != OPERATION, "the ON that is still 1 starts nothing")
             plant.turn()
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 @pytest.mark.parametrize("length", ["0", "4"])
@@ -178,7 +178,7 @@ def test_flood_of_the_highest_priority_leaves_the_axis_controllable(line: Wire, 
         plant.command(OFF)
         plant.until(lambda: drive.model.velocity_actual == 0, "standstill")
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 def test_full_queue_of_the_interface_is_reported_and_stops_the_drive(line: Wire) -> None:
@@ -202,7 +202,7 @@ def test_full_queue_of_the_interface_is_reported_and_stops_the_drive(line: Wire)
         )
         plant.turn()
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 def test_two_nodes_with_one_number_never_turn_unsupervised(line: Wire) -> None:
@@ -222,7 +222,7 @@ def test_two_nodes_with_one_number_never_turn_unsupervised(line: Wire) -> None:
         plant.until(lambda: plant.state() == INHIBITED, "one of them again")
         plant.turn()
 
-    plant.play(sequence)
+    plant.run_steps(sequence)
 
 
 def test_a_controller_with_automatic_restart_is_used_like_any_other(line: Wire) -> None:
@@ -232,7 +232,7 @@ def test_a_controller_with_automatic_restart_is_used_like_any_other(line: Wire) 
     interfaces.up(line.near, bitrate=500_000, more=("restart-ms", "100"))
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     plant.drive(line.far)
-    plant.play(plant.turn)
+    plant.run_steps(plant.turn)
 
 
 def test_axes_on_several_buses_turn_and_the_loss_of_one_bus_stops_its_axis_alone(line: Wire, virtual: str) -> None:
@@ -249,4 +249,4 @@ def test_axes_on_several_buses_turn_and_the_loss_of_one_bus_stops_its_axis_alone
         plant.command(ON, 0, 1)
         plant.until(lambda: other.model.velocity_actual == 0, "and obeys")
 
-    plant.play(sequence)
+    plant.run_steps(sequence)

@@ -30,7 +30,7 @@ class Reaction(enum.Enum):
 
     STOPS = "power off at standstill, no restart"
     STANDSTILL = "standstill, reason reported"
-    GOES_ON = "stays in operation, OFF works"
+    CONTINUES = "stays in operation, OFF works"
     REFUSES = "never enabled"
 
     MEASURES = "position stays good"
@@ -84,18 +84,18 @@ _QUICK_STOP = "CW 0002h"
 _SILENT = (_QUICK_STOP, "NMT stop", CONFIGURES)
 """The commands to a drive that does not answer."""
 DRIVE_CASES: tuple[Case, ...] = (
-    Case("slow-sdo", Reaction.GOES_ON, activity=Activity.START, values={"delay_ms": 10}),
+    Case("slow-sdo", Reaction.CONTINUES, activity=Activity.START, values={"delay_ms": 10}),
     Case("sdo-timeout", Reaction.REFUSES, (121,), Activity.START, sdo_timeout_ms=100),
-    Case("sdo-timeout", Reaction.GOES_ON),
+    Case("sdo-timeout", Reaction.CONTINUES),
     Case("sdo-toggle-error", Reaction.REFUSES, (121,), Activity.START),
     Case("wrong-identity", Reaction.REFUSES, (106,), Activity.START, sent=(CONFIGURES,)),
     Case("object-missing", Reaction.REFUSES, (106,), Activity.START),
     # The drive is built for telegram 1, so its mapping need not be written.
-    Case("fixed-pdo-mapping", Reaction.GOES_ON, activity=Activity.START),
+    Case("fixed-pdo-mapping", Reaction.CONTINUES, activity=Activity.START),
     Case("fixed-pdo-mapping", Reaction.REFUSES, (106,), Activity.START, telegram=9),
     Case("mapping-abort", Reaction.REFUSES, (106,), Activity.START, telegram=9),
-    Case("two-pdos", Reaction.GOES_ON, activity=Activity.START, telegram=100),
-    Case("lost-pdos", Reaction.GOES_ON),
+    Case("two-pdos", Reaction.CONTINUES, activity=Activity.START, telegram=100),
+    Case("lost-pdos", Reaction.CONTINUES),
     Case(
         "lost-pdos",
         Reaction.STOPS,
@@ -105,17 +105,17 @@ DRIVE_CASES: tuple[Case, ...] = (
         stopped="quick stop",
     ),
     Case("lost-pdos", Reaction.STOPS, (101,), values={"every": 1}, beside={"turns-in-pre-operational": {}}),
-    Case("duplicated-pdos", Reaction.GOES_ON),
-    Case("late-pdos", Reaction.GOES_ON),
+    Case("duplicated-pdos", Reaction.CONTINUES),
+    Case("late-pdos", Reaction.CONTINUES),
     Case("heartbeat-stops", Reaction.REFUSES, (106,), Activity.START),
     Case("heartbeat-stops", Reaction.STOPS, (101,), sent=_SILENT, stopped="quick stop"),
-    Case("emcy-burst", Reaction.GOES_ON, (10,)),
+    Case("emcy-burst", Reaction.CONTINUES, (10,)),
     Case("bus-off", Reaction.STOPS, (101,), sent=_SILENT),
-    Case("error-passive", Reaction.GOES_ON, (12,)),
+    Case("error-passive", Reaction.CONTINUES, (12,)),
     Case("reboot", Reaction.STOPS, (105,), sent=(CONFIGURES,)),
     Case("reboot", Reaction.STOPS, (105,), telegram=100),
     Case("no-homing-attained", Reaction.STANDSTILL, (109,), Activity.HOMING, telegram=9),
-    Case("late-status", Reaction.GOES_ON),
+    Case("late-status", Reaction.CONTINUES),
     Case("bouncing-status", Reaction.STOPS, (122,), sent=(_QUICK_STOP,)),
     Case("bouncing-status", Reaction.STOPS, (122,), telegram=100),
     Case("unknown-state", Reaction.STOPS, (107,), sent=(_QUICK_STOP,), stopped="quick stop"),
@@ -130,7 +130,7 @@ DRIVE_CASES: tuple[Case, ...] = (
     Case("reboot-in-motion", Reaction.STOPS, (105,)),
     Case("deaf", Reaction.STOPS, (125,), Activity.STOPPING),
     Case("stop-ramp-missing", Reaction.STOPS, (125,), Activity.STOPPING),
-    Case("turns-in-pre-operational", Reaction.GOES_ON),
+    Case("turns-in-pre-operational", Reaction.CONTINUES),
 )
 """At least one case for each fault of a drive (checked by a test)."""
 

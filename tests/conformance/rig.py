@@ -36,7 +36,7 @@ RPM = 750
 """A quarter of the rated speed."""
 TURNS = 10 * INCREMENTS_PER_REVOLUTION
 """The end of a task of telegram 9."""
-_SETTLED_NS = 100 * MS
+_TRANSIENT_NS = 100 * MS
 _OFF, _ON, _FAULT_RESET = 0x047E, 0x047F, 0x80
 _QUARTER = 0x1000
 _FREE_RANGE = 1 << 30
@@ -104,9 +104,9 @@ class Rig:
             for watch in self.watchers:
                 watch()
 
-    def settle(self) -> None:
+    def run_out(self) -> None:
         """Let commands pass that may be as late as the latency of a drive."""
-        self.cycles(_SETTLED_NS // self.daemon.cycle_ns)
+        self.cycles(_TRANSIENT_NS // self.daemon.cycle_ns)
 
     def reaches(self, condition: Callable[[], object]) -> bool:
         """Exchange frames until a condition is true; False on timeout."""
@@ -214,13 +214,13 @@ class DriveRig(Rig):
         """Acknowledge until no fault is shown, then OFF and ON."""
         self.online()
         self.off()
-        self.settle()
+        self.run_out()
         for _ in range(3):
             if self.state is State.FAULT:
                 self.command(self.plc.endpoint.setpoints[0][self.word] | _FAULT_RESET)
-                self.settle()
+                self.run_out()
                 self.off()
-                self.settle()
+                self.run_out()
         self.until(lambda: self.state is State.READY_TO_SWITCH_ON, "ready to switch on")
         if self.raw:
             self.command(0x07)
@@ -236,7 +236,7 @@ class DriveRig(Rig):
             target = (TURNS << 30) // (_FREE_RANGE if free else _LIMITED_RANGE)
             task = {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_TARPOS": target, "MDI_VELOCITY": 1 << 29}
             self.plc.set(0, {**task, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "STW1": 0x043F})
-            self.settle()
+            self.run_out()
             self.command(_ON)
         elif self.raw:
             ramps = {"Profile Velocity": 6000, "Profile Acceleration": 300, "Profile Deceleration": 300}

@@ -110,8 +110,8 @@ def _check_operation(rig: DriveRig, case: Case) -> None:
     rig.cycles(_STANDING_CYCLES if case.reaction is Reaction.STANDSTILL else QUIET_CYCLES)
     rig.check_reports(case)
     assert case.stopped in {"", _stopped_by(rig, mark)}
-    if case.reaction is Reaction.GOES_ON:
-        _check_goes_on(rig, case, mark)
+    if case.reaction is Reaction.CONTINUES:
+        _check_continues(rig, case, mark)
     elif case.reaction is Reaction.STANDSTILL:
         _check_standstill(rig)
     else:
@@ -144,7 +144,7 @@ def _stopped_by(rig: DriveRig, mark: int) -> str:
     return "at standstill"
 
 
-def _check_goes_on(rig: DriveRig, case: Case, mark: int) -> None:
+def _check_continues(rig: DriveRig, case: Case, mark: int) -> None:
     assert rig.states[mark:] == [], "operation was left"
     rig.until(rig.moved, "moved as commanded")
     assert case.numbers or not rig.numbers, f"unexpected fault numbers: {rig.numbers}"
@@ -211,8 +211,8 @@ def test_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypatch
 @pytest.mark.parametrize(
     ("case", "failure"),
     [
-        (Case("under-voltage", Reaction.GOES_ON), "operation was left"),
-        (Case("emcy-burst", Reaction.GOES_ON), "unexpected fault numbers"),
+        (Case("under-voltage", Reaction.CONTINUES), "operation was left"),
+        (Case("emcy-burst", Reaction.CONTINUES), "unexpected fault numbers"),
         (Case("duplicated-pdos", Reaction.STOPS), "drive stopped not within"),
         (Case("two-pdos", Reaction.REFUSES, (106,), Activity.START), "fault .* not within"),
         (Case("reboot", Reaction.STOPS, (105,), sent=("NMT stop",)), "NMT enter pre operational"),

@@ -169,7 +169,7 @@ def test_gateway_reacts_to_each_fault_of_an_encoder(case: Case) -> None:
             if case.reaction in {Reaction.LOSES, Reaction.SENSOR_ERROR}:
                 _check_invalid(rig, case)
             else:
-                _check_goes_on(rig, case)
+                _check_continues(rig, case)
         rig.until(lambda: rig.sight.measuring, "position again")
 
 
@@ -194,7 +194,7 @@ def _check_never_good(rig: EncoderRig, case: Case) -> None:
     rig.behave(restart=True)
 
 
-def _check_goes_on(rig: EncoderRig, case: Case) -> None:
+def _check_continues(rig: EncoderRig, case: Case) -> None:
     """The position stays good. A fault stays until it is acknowledged, a warning as long as its cause."""
     sight = rig.sight
     if case.reaction is Reaction.WARNS:

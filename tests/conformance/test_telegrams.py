@@ -120,7 +120,7 @@ def test_no_setpoints_start_a_drive_without_off(number: int, data: st.DataObject
             rig.plc.set(0, values | {rig.word: values[rig.word] | _ON})
             rig.cycles(cycles)
         rig.online()
-        rig.settle()
+        rig.run_out()
         assert not [state for state, _ in rig.states if state in POWERED]
 
 
@@ -138,6 +138,6 @@ def test_off_stops_and_on_starts_a_drive_after_any_setpoints(number: int, data: 
         rig.off()
         rig.until(lambda: rig.standing() and rig.model.state not in POWERED, "OFF obeyed")
         rig.enable()
-        rig.settle()
+        rig.run_out()
         assert rig.standing()
         assert rig.model.state is State.OPERATION_ENABLED

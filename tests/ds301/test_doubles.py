@@ -45,7 +45,7 @@ def test_second_answers_that_arrive_after_the_next_request_are_found() -> None:
 @given(
     st.lists(st.tuples(st.integers(0x1000, 0x1003), st.integers(1, 3), st.integers(0, 3), st.booleans()), max_size=60)
 )
-def test_repeated_requests_and_lost_or_late_answers_are_no_second_answers(
+def test_repeated_requests_and_lost_or_late_answers_are_not_second_answers(
     requests: list[tuple[int, int, int, bool]],
 ) -> None:
     """Each request is sent up to three times; some of its answers are lost, others arrive after the next requests."""
@@ -64,7 +64,7 @@ def test_repeated_requests_and_lost_or_late_answers_are_no_second_answers(
         assert not answers.found
 
 
-def test_answers_to_another_client_are_no_second_answers() -> None:
+def test_answers_to_another_client_are_not_second_answers() -> None:
     answers = SecondAnswers()
     for _ in range(20):
         answers.requested(frame(READ, 0x6041))
@@ -76,7 +76,7 @@ def test_answers_to_another_client_are_no_second_answers() -> None:
     assert not answers.found
 
 
-def test_a_frame_that_is_received_twice_now_and_then_is_no_second_answer() -> None:
+def test_a_frame_that_is_sometimes_received_twice_is_not_a_second_answer() -> None:
     answers = SecondAnswers()
     for count in range(300):
         answers.requested(frame(READ, 0x6041))
@@ -85,7 +85,7 @@ def test_a_frame_that_is_received_twice_now_and_then_is_no_second_answer() -> No
         assert not answers.found
 
 
-def test_aborts_and_segments_are_no_second_answers() -> None:
+def test_aborts_and_segments_are_not_second_answers() -> None:
     answers = SecondAnswers()
     for _ in range(20):
         answers.requested(frame(READ, 0x1008))

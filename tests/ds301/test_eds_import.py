@@ -304,7 +304,7 @@ def test_directory_instead_of_a_file_is_rejected() -> None:
         (0x0F, "0102", b"\x01\x02"),
     ],
 )
-def test_right_values_are_no_repair(data_type: int, text: str, default: object) -> None:
+def test_right_values_are_not_repaired(data_type: int, text: str, default: object) -> None:
     imported = import_eds(simple(f"DefaultValue={text}", data_type), NODE)
     assert imported.repairs == ()
     assert imported.dictionary[0x2000].default == default
@@ -365,7 +365,7 @@ def test_access_types_as_makers_write_them(found: str, used: str) -> None:
     assert import_eds(content, NODE).dictionary[0x2000].access_type == used
 
 
-def test_two_values_of_one_key_are_no_value() -> None:
+def test_two_values_of_one_key_are_rejected() -> None:
     imported = import_eds(simple("DefaultValue=1\nDefaultValue=2\nParameterValue=3\nParameterValue=0x3"), NODE)
     assert (imported.dictionary[0x2000].default, imported.dictionary[0x2000].value) == (None, 3)
     assert [(repair.line, repair.used) for repair in imported.repairs] == [(8, ""), (10, "3")]

@@ -28,7 +28,7 @@ def loop(request: pytest.FixtureRequest) -> Iterator[Loop]:
     system.close()
 
 
-def play(loop: Loop, function) -> None:  # type: ignore[no-untyped-def]
+def run_task(loop: Loop, function) -> None:  # type: ignore[no-untyped-def]
     """Run a task on either loop until it has ended."""
 
     def run() -> None:
@@ -134,7 +134,7 @@ def test_task_waits_for_an_event_until_its_timeout(loop: Loop) -> None:
         seen.append(event.wait(60 * SECOND))
         seen.append(event.wait())
 
-    play(loop, wait)
+    run_task(loop, wait)
     assert seen == [False, True, True, True]
 
 
@@ -162,7 +162,7 @@ def test_a_mailbox_gives_its_items_to_a_task_that_waits(loop: Loop) -> None:
         loop.call_later(MS, lambda: box.put(7))
         seen.append(box.get())
 
-    play(loop, read)
+    run_task(loop, read)
     assert seen == [7]
 
 
@@ -257,7 +257,7 @@ def test_work_outside_the_loop_ends_on_it_with_result_or_error(loop: Loop) -> No
         with pytest.raises(TimeoutError):
             loop.result(never, MS)
 
-    play(loop, work)
+    run_task(loop, work)
     assert seen == [42]
 
 

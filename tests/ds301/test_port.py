@@ -110,7 +110,7 @@ class Pair:
         self.socket.close()
 
 
-def test_a_frame_of_can_fd_is_not_taken_for_a_classic_one_with_the_same_identifier() -> None:
+def test_a_can_fd_frame_does_not_count_as_a_classic_one_with_its_identifier() -> None:
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     heard = Heard()
     with buses.looped() as loop, far:

@@ -165,10 +165,10 @@ def test_answer_after_the_end_of_a_read_is_late_and_one_to_another_client_is_not
     with pytest.raises(SdoCommunicationError):
         desk.read()
     desk.send(VALUE + OTHER + bytes(4))
-    site.play(10 * MS)
+    site.pass_time(10 * MS)
     assert not desk.client.answers_late
     desk.send(VALUE + ADDRESS + bytes(4))
-    site.play(10 * MS)
+    site.pass_time(10 * MS)
     assert desk.client.answers_late
 
 
@@ -196,7 +196,7 @@ def test_endless_upload_is_aborted(desk: Site) -> None:
     desk.script = segments
     with pytest.raises(SdoCommunicationError, match="6083h/0 is too long to be read"):
         desk.read()
-    site.play(MS)
+    site.pass_time(MS)
     assert desk.requests[-1][:1] == ABORTED
     desk.script = lambda _: [VALUE + ADDRESS + b"\x05\0\0\0"]
     assert desk.read() == b"\x05\0\0\0"
@@ -206,7 +206,7 @@ def test_wrong_toggle_bit_aborts_the_upload(desk: Site) -> None:
     desk.script = lambda request: [b"\0" + frame[1:] if frame[0] == 0x10 else frame for frame in segments(request)]
     with pytest.raises(SdoCommunicationError):
         desk.read()
-    site.play(MS)
+    site.pass_time(MS)
     assert desk.requests[-1][4:] == Abort.TOGGLE_NOT_ALTERNATED.to_bytes(4, "little")
 
 
@@ -249,5 +249,5 @@ def test_question_without_an_answer_delays_an_access_by_one_timeout(desk: Site) 
     assert desk.read(0x6084) == bytes(4)
     assert TIMEOUT_NS <= site.now() - begin < 2 * TIMEOUT_NS
     desk.send(VALUE + ADDRESS + bytes(4))
-    site.play(MS)
+    site.pass_time(MS)
     assert found == []

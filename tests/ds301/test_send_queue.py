@@ -186,7 +186,7 @@ def test_stops_precede_setpoints_in_order_of_arrival() -> None:
     assert sorted(order) == list(range(1, 21)), "nobody sends twice: the newest value counts"
 
 
-def test_nmt_and_heartbeat_do_not_wait_behind_setpoints_and_sync_does() -> None:
+def test_nmt_and_heartbeat_are_sent_before_setpoints_and_sync_is_not() -> None:
     axes = Axes(8, 1, places=2)
     axes.cycle(1)
     axes.network.send_sync()
@@ -278,7 +278,7 @@ class Workers:
                 self._busy -= 1
 
 
-def test_tasks_have_their_turn_in_order_and_so_many_at_a_time() -> None:
+def test_tasks_have_their_turn_in_order_and_a_limited_number_at_a_time() -> None:
     workers = Workers(3, 10)
     workers.loop.run_for(SECOND)
     assert (workers.began, workers.most) == (list(range(10)), 3)

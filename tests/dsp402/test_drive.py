@@ -116,7 +116,7 @@ def test_command_that_was_dropped_with_those_of_a_lost_node_is_sent_again(plant:
     plant.network.drop_waiting()
     port.connect(True)
     client.send(command, site.now())
-    site.play(2 * MS)
+    site.pass_time(2 * MS)
     assert drive.model.controlword == 0x06
 
 
@@ -328,9 +328,9 @@ def test_values_that_are_not_read_during_a_long_job_are_a_loss(plant: Plant) -> 
     client = plant.connected(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
     release = Event(client.loop)
     client.submit(lambda _: release.wait())
-    site.play(400 * MS)
+    site.pass_time(400 * MS)
     assert client.refresh(site.now())
-    site.play(100 * MS)
+    site.pass_time(100 * MS)
     assert not client.refresh(site.now())
     release.set()
     site.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
@@ -405,7 +405,7 @@ def test_any_frame_under_the_identifiers_of_the_node_is_survived(plant: Plant, p
         command.digital_outputs = command.target_position = random.getrandbits(16)
         client.send(command, site.now())
         client.refresh(site.now())
-        site.play(MS)
+        site.pass_time(MS)
 
     # What is still on its way may spoil an answer, or have the node lost and brought up again.
     def answers() -> bool:

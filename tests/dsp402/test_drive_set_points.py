@@ -68,7 +68,7 @@ class TwoPdos:
         site.wait_for(cycle, what)
 
     @property
-    def told(self) -> list[str]:
+    def reported(self) -> list[str]:
         return [event.text for event in self.plant.events if event.kind == "set-point"]
 
 
@@ -88,7 +88,7 @@ def test_a_set_point_starts_with_its_own_data_although_that_goes_by_sdo(two_pdos
         count = len(two_pdos.accelerations)
         two_pdos.until(lambda count=count: len(two_pdos.accelerations) > count, "set-point")
     assert two_pdos.accelerations == [100, 200, 300, 200]
-    assert two_pdos.told == []
+    assert two_pdos.reported == []
 
 
 def test_delayed_setpoint_does_not_delay_stop_halt_and_acknowledge(two_pdos: TwoPdos) -> None:
@@ -128,7 +128,7 @@ def test_a_set_point_whose_data_is_refused_does_not_start_and_needs_a_new_edge(t
     two_pdos.send(ENABLED)
     two_pdos.send(START, 0xFFFF_FFFF)
     two_pdos.until(lambda: two_pdos.client.rpdos.set_point_refused, "refused")
-    assert re.fullmatch("not started: .*6083h: .*value.*", two_pdos.told[0])
+    assert re.fullmatch("not started: .*6083h: .*value.*", two_pdos.reported[0])
     two_pdos.send(START, 500)
     two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 500, "good data taken")
     two_pdos.send(START)
@@ -137,14 +137,14 @@ def test_a_set_point_whose_data_is_refused_does_not_start_and_needs_a_new_edge(t
     assert not two_pdos.client.rpdos.set_point_refused
     two_pdos.send(START)
     two_pdos.until(lambda: two_pdos.accelerations == [500], "set-point")
-    assert len(two_pdos.told) == 1
+    assert len(two_pdos.reported) == 1
 
 
 def test_a_refused_set_point_may_be_given_again_with_the_same_data(two_pdos: TwoPdos) -> None:
     two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
     two_pdos.send(START, 100)
     two_pdos.until(lambda: two_pdos.client.rpdos.set_point_refused, "no answer")
-    assert "6083h" in two_pdos.told[0]
+    assert "6083h" in two_pdos.reported[0]
     two_pdos.drive.do(lambda node: node.behave())
     two_pdos.send(ENABLED)
     two_pdos.send(START)
@@ -163,9 +163,9 @@ def test_the_wait_for_the_data_of_a_set_point_is_bounded(two_pdos: TwoPdos) -> N
     two_pdos.send(START, 100)
     two_pdos.now += 596 * MS
     two_pdos.send(START)
-    assert two_pdos.told == []
+    assert two_pdos.reported == []
     two_pdos.send(START)
-    assert two_pdos.told == ["not started: data not written within 600 ms"]
+    assert two_pdos.reported == ["not started: data not written within 600 ms"]
     release.set()
     two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 100, "written at last")
     two_pdos.send(START)
@@ -222,11 +222,11 @@ def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
             for cycle in range(3):
                 refused = 0x200 + NODE if full and cycle == 0 else 0
                 client.send(command, site.now())
-                site.play(MS)
+                site.pass_time(MS)
                 refused = 0
                 plant.network.on_room()
                 plant.network.send_sync()
-                site.play(4 * MS)
+                site.pass_time(4 * MS)
     assert seen == [100, 900, 200]
 
 
@@ -243,7 +243,7 @@ def test_setpoint_that_was_dropped_with_its_data_does_not_start_toward_the_previ
         for _ in range(count):
             client.send(command, site.now())
             plant.network.send_sync()
-            site.play(4 * MS)
+            site.pass_time(4 * MS)
 
     command.controlword, command.profile_velocity = ENABLED, 100
     cycles(3)

@@ -360,7 +360,7 @@ def test_progress_of_the_configuration_names_object_and_number(plant: Plant) -> 
     assert {match[1] for match in shown if match} > {"1018", "1A00", "1017"}
 
 
-def test_a_short_tpdo_is_no_sign_of_life(plant: Plant) -> None:
+def test_a_short_tpdo_is_not_a_sign_of_life(plant: Plant) -> None:
     client = plant.connected()
     slot = client._slots[0]
     seen = slot.time

@@ -150,7 +150,7 @@ def test_ratio_of_one_gives_no_information(index: int) -> None:
         (12_800_000, "607Fh 12800000 would be 187500 rpm"),
     ],
 )
-def test_unconfirmed_position_resolution_is_no_velocity_unit(limit: int | None, said: str) -> None:
+def test_unconfirmed_position_resolution_is_not_a_velocity_unit(limit: int | None, said: str) -> None:
     answers = RPM_3000 | ENCODER | ({} if limit is None else fastest(limit))
     refusal = find_scaling(answers).refusal(SPEED)
     assert said in refusal
@@ -207,7 +207,7 @@ def test_unknown_velocity_unit_is_rejected_with_the_key_to_set(answers: object, 
 
 
 @pytest.mark.parametrize("speed", [None, 0, 0x7FFF_FFFF, 0xFFFF_FFFF])
-def test_a_max_motor_speed_that_is_no_reference_is_refused_with_its_key(speed: int | None) -> None:
+def test_a_max_motor_speed_that_is_not_a_reference_is_refused_with_its_key(speed: int | None) -> None:
     answers = COUNTS if speed is None else COUNTS | {(0x6080, 0): speed}
     assert "set rated_speed_rpm" in find_scaling(answers).refusal(SPEED)
     assert find_scaling(answers, UnitKeys(rated_speed_rpm=Fraction(1200))).reference(SPEED) == 81_920

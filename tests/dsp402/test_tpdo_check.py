@@ -18,7 +18,7 @@ BOTH = LAYOUTS[Operation.TRANSPARENT].tpdos[1]
 """Position and velocity in one TPDO."""
 POSITION, VELOCITY = (0x6064, 0), (0x606C, 0)
 TIMEOUT = 200 * MS
-STANDS, TURNS = bytes(4), b"\1\0\0\0"
+STOPPED, TURNS = bytes(4), b"\1\0\0\0"
 
 
 class Drive:
@@ -27,7 +27,7 @@ class Drive:
     def __init__(self, pdo: Pdo) -> None:
         self.time = 0
         self.loop = self
-        self.objects: dict[ObjectAddress, bytes] = dict.fromkeys((POSITION, VELOCITY), STANDS)
+        self.objects: dict[ObjectAddress, bytes] = dict.fromkeys((POSITION, VELOCITY), STOPPED)
         self.dropped: set[ObjectAddress] = set()
         self.slot = TpdoSlot(pdo, None, 0x181, watched=True)
         self.check = TpdoCheck(self, self)  # type: ignore[arg-type]
@@ -65,9 +65,9 @@ def test_object_that_every_later_frame_contradicts_is_found() -> None:
     assert drive.check.dropped.endswith("606Ch but does not send it: it shows 0, the object contains 1")
 
 
-def test_value_seen_once_between_two_checks_is_believed_from_then_on() -> None:
+def test_value_seen_once_between_two_checks_is_accepted_from_then_on() -> None:
     drive = Drive(STATUS)
-    standing, turning = b"\x37\x02" + STANDS, b"\x37\x02" + TURNS
+    standing, turning = b"\x37\x02" + STOPPED, b"\x37\x02" + TURNS
     drive.slot.receive(standing, 1)
     drive.slot.receive(turning, 2)
     drive.slot.receive(standing, 3)
@@ -79,11 +79,11 @@ def test_value_seen_once_between_two_checks_is_believed_from_then_on() -> None:
 
 def test_next_bring_up_checks_again() -> None:
     drive = Drive(STATUS)
-    drive.run(2, b"\x37\x02" + STANDS, b"\x37\x02" + TURNS)
+    drive.run(2, b"\x37\x02" + STOPPED, b"\x37\x02" + TURNS)
     drive.slot = TpdoSlot(STATUS, None, 0x181, watched=True)
     drive.check.begin([drive.slot])
     drive.objects[VELOCITY] = TURNS
-    drive.run(3, b"\x37\x02" + STANDS)
+    drive.run(3, b"\x37\x02" + STOPPED)
     assert drive.dropped == {VELOCITY}
 
 
@@ -100,12 +100,12 @@ def test_one_agreement_restarts_the_count() -> None:
     for _ in range(10):
         drive.objects[VELOCITY] = TURNS
         drive.run(CONTRADICTIONS * 0.2, bytes(8))
-        drive.objects[VELOCITY] = STANDS
+        drive.objects[VELOCITY] = STOPPED
         drive.run(1, bytes(8))
     assert not drive.dropped
 
 
-@pytest.mark.parametrize(("frame", "found"), [(TURNS + STANDS, VELOCITY), (STANDS + TURNS, POSITION)])
+@pytest.mark.parametrize(("frame", "found"), [(TURNS + STOPPED, VELOCITY), (STOPPED + TURNS, POSITION)])
 def test_each_object_of_a_tpdo_has_its_own_place(frame: bytes, found: ObjectAddress) -> None:
     drive = Drive(BOTH)
     drive.objects = dict.fromkeys((POSITION, VELOCITY), b"\2\0\0\0")
@@ -118,5 +118,5 @@ def test_unreadable_object_and_one_without_a_frame_are_trusted() -> None:
     drive.objects[VELOCITY] = TURNS
     drive.run(10)
     del drive.objects[VELOCITY]
-    drive.run(10, b"\x37\x02" + STANDS)
+    drive.run(10, b"\x37\x02" + STOPPED)
     assert not drive.dropped

@@ -265,7 +265,7 @@ def test_a_silent_encoder_is_lost_and_comes_back(plant: Plant) -> None:
     site.wait_for(lambda: client.status is NodeStatus.ONLINE, "back")
 
 
-class _Deaf(SimulatedEncoderNode):
+class _WithoutReaction(SimulatedEncoderNode):
     """Has no heartbeat."""
 
     def on_written(self, entry: Entry, value: Value) -> None:
@@ -276,7 +276,7 @@ class _Deaf(SimulatedEncoderNode):
 
 def test_an_encoder_without_heartbeat_is_watched_by_its_tpdos(plant: Plant) -> None:
     encoder = plant.power_on()
-    encoder.node = _Deaf(NODE, encoder._send)
+    encoder.node = _WithoutReaction(NODE, encoder._send)
     encoder.start()
     client = plant.connect(heartbeat_factor=1, heartbeat_ms=1)
     plant.online()

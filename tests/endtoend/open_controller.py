@@ -20,13 +20,13 @@ def main(config: str, gsdml: str, example: str) -> int:
     with VethPair() as pair, subprocess.Popen([sys.executable, "-m", "pdgw", "run", config]) as gateway:
         command = pair.command(sys.executable, example, THERE, "press-1", gsdml)
         while True:
-            played = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-            if not played.returncode or time.monotonic() > end:
+            result = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+            if not result.returncode or time.monotonic() > end:
                 break
         gateway.terminate()
-    print(played.stdout, end="")
-    print(played.stderr, file=sys.stderr)
-    return played.returncode
+    print(result.stdout, end="")
+    print(result.stderr, file=sys.stderr)
+    return result.returncode
 
 
 if __name__ == "__main__":

@@ -75,19 +75,19 @@ GUARDS = {
 }
 
 
-def _obeys_no_command(node: SimulatedDriveNode, *, nmt: bool) -> None:
+def _ignore_commands(node: SimulatedDriveNode, *, nmt: bool) -> None:
     """Every RPDO has the data of the last one; ``nmt``: NMT commands are executed."""
     receive = node.receive
     held: dict[int, bytes] = {}
 
-    def deaf(can_id: int, data: bytes, now: int) -> None:
+    def without_reaction(can_id: int, data: bytes, now: int) -> None:
         if can_id != NMT or nmt:
             receive(can_id, held.setdefault(can_id, data) if node.is_pdo(can_id) else data, now)
 
-    node.receive = deaf  # type: ignore[method-assign]
+    node.receive = without_reaction  # type: ignore[method-assign]
 
 
-def _begin_anew(node: SimulatedDriveNode) -> None:
+def _begin_again(node: SimulatedDriveNode) -> None:
     del node.receive
     node.restart()
 
@@ -101,7 +101,7 @@ def _turning(daemon: Daemon, guard: Guard) -> tuple[SimulatedDrive, Plc]:
     return drive, plc
 
 
-def _told_to_stop(daemon: Daemon, plc: Plc) -> Sent:
+def _stop_commands(daemon: Daemon, plc: Plc) -> Sent:
     """OFF3, some cycles later; what the gateway sends from then on."""
     plc.exchange(50)
     sent = Sent(daemon)
@@ -110,15 +110,15 @@ def _told_to_stop(daemon: Daemon, plc: Plc) -> Sent:
 
 
 @pytest.mark.parametrize("name", GUARDS)
-def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guards_the_gateway(
+def test_a_drive_that_follows_neither_controlword_nor_nmt_is_stopped_by_its_guarding(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     guard = GUARDS[name]
     with running(configuration(axis(1, telegram_number=guard.telegram, more=guard.more))) as daemon:
         drive, plc = _turning(daemon, guard)
-        drive.do(lambda node: _obeys_no_command(node, nmt=False))
-        sent = _told_to_stop(daemon, plc)
+        drive.do(lambda node: _ignore_commands(node, nmt=False))
+        sent = _stop_commands(daemon, plc)
         with exchanging(plc):
             until(daemon, lambda: (NMT, STOP) in sent.frames, "NMT stop")
             assert [fault.number for fault in daemon.axes[0].faults] == [FaultNumber.STOP_IGNORED]
@@ -133,7 +133,7 @@ def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guard
             assert not seen & guard.withheld
             assert seen >= usual - guard.withheld
             until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
-            drive.do(_begin_anew)
+            drive.do(_begin_again)
             until(daemon, lambda: daemon.axes[0].drive.generation == 2, "configured anew")
             until(daemon, lambda: daemon.axes[0].good, "online again")
             assert sent.within(300 * MS) >= usual, "what the next start needs"
@@ -157,15 +157,15 @@ def test_the_telegram_of_a_lost_drive_is_not_changed_before_it_is_found_without_
         assert item.telegram.number == 2
 
 
-def test_a_drive_that_obeys_nmt_keeps_the_gateways_heartbeat_while_it_is_brought_up_and_stopped_by_sdo() -> None:
+def test_a_drive_that_follows_nmt_keeps_the_gateways_heartbeat_during_bring_up_and_stop_by_sdo() -> None:
     """Others on the bus need it."""
     guard = GUARDS["heartbeat"]
     with running(configuration(axis(1, more=guard.more))) as daemon:
         drive, plc = _turning(daemon, guard)
         drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
         drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=400))
-        drive.do(lambda node: _obeys_no_command(node, nmt=True))
-        sent = _told_to_stop(daemon, plc)
+        drive.do(lambda node: _ignore_commands(node, nmt=True))
+        sent = _stop_commands(daemon, plc)
         with exchanging(plc):
             until(daemon, lambda: (NMT, STOP) in sent.frames, "NMT stop")
             until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop by SDO")
@@ -184,9 +184,9 @@ def test_a_drive_that_turns_on_whatever_nmt_and_sdo_say_loses_the_heartbeat() ->
                 raise SdoAbortedError(Abort.CANNOT_STORE_DEVICE_STATE)
 
         drive.do(lambda node: setattr(node, "on_nmt", lambda state: None))
-        drive.do(lambda node: _obeys_no_command(node, nmt=True))
+        drive.do(lambda node: _ignore_commands(node, nmt=True))
         drive.do(lambda node: setattr(node, "on_written", refuse))
-        _told_to_stop(daemon, plc)
+        _stop_commands(daemon, plc)
         with exchanging(plc):
             until(daemon, lambda: daemon.axes[0].withholds_heartbeat, "the last brake")
             assert drive.model.ramp.speed > 0

@@ -151,7 +151,7 @@ def test_a_second_tpdo_for_each_sync_ends_the_operation() -> None:
         plc.until(lambda: "TPDO1 more often than SYNC" in client.status_text, "found")
 
 
-def test_another_tool_that_reads_the_same_objects_is_no_second_device() -> None:
+def test_another_tool_that_reads_the_same_objects_is_not_a_second_device() -> None:
     with running(configuration(axis(1))) as daemon:
         client, world = daemon.axes[0].drive, world_of(daemon)
         tool = world.bus("world").join("another tool")
@@ -167,7 +167,7 @@ def test_another_tool_that_reads_the_same_objects_is_no_second_device() -> None:
 
 
 @pytest.mark.parametrize("delay_ms", [60, 170, 300])
-def test_late_answers_to_repeated_requests_are_no_second_device(delay_ms: int) -> None:
+def test_late_answers_to_repeated_requests_are_not_a_second_device(delay_ms: int) -> None:
     """The first requests are repeated after 50 ms."""
     with running(configuration(axis(1))) as daemon:
         client = daemon.axes[0].drive
@@ -176,7 +176,7 @@ def test_late_answers_to_repeated_requests_are_no_second_device(delay_ms: int) -
         assert FaultNumber.NODE_REFUSED not in {fault.number for fault in daemon.axes[0].faults}
 
 
-def test_restarts_of_a_node_and_of_the_bus_are_no_second_device() -> None:
+def test_restarts_of_a_node_and_of_the_bus_are_not_a_second_device() -> None:
     with running(configuration(axis(1))) as daemon:
         client, drive, world = daemon.axes[0].drive, drive_of(daemon), world_of(daemon)
         for online in (1, 3, 5, 7):
@@ -255,7 +255,7 @@ def _fixed(daemon: Daemon, node_id: int, cob_id: int) -> None:
     drive_of(daemon, node_id).do(write)
 
 
-def test_equal_drives_may_keep_a_cob_id_that_nobody_sends() -> None:
+def test_equal_drives_may_keep_a_cob_id_that_is_not_sent() -> None:
     def fixed(daemon: Daemon) -> None:
         _fixed(daemon, 69, 0x6FF)
         _fixed(daemon, 70, 0x6FF)

@@ -172,7 +172,7 @@ def test_another_controller_takes_over_only_after_the_loss_of_the_first() -> Non
         second.until(lambda: second.endpoint.setpoints_used[0], "taken")
 
 
-def test_a_node_that_does_not_answer_is_reported_and_stops_nobody_else() -> None:
+def test_a_node_that_does_not_answer_is_reported_and_stops_no_other() -> None:
     with running(configuration(axis(1) + axis(2, more="sdo_timeout_ms = 20"))) as daemon:
         plc = Plc(daemon, [1, 1])
         plc.enable(0)
@@ -418,7 +418,7 @@ def test_a_service_that_cannot_be_stopped_keeps_no_drive_in_operation() -> None:
     world.network.open(*daemon.address, "the same port")
 
 
-def test_the_nodes_of_a_full_bus_are_pre_operational_behind_the_end_of_the_gateway() -> None:
+def test_the_nodes_of_a_full_bus_are_pre_operational_after_the_end_of_the_gateway() -> None:
     nodes = range(1, 7)
     config = configuration("".join(axis(number) for number in nodes))
     with running(config) as daemon:
@@ -459,7 +459,7 @@ def test_status_port_in_use_is_named() -> None:
             daemon.release()
 
 
-def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
+def test_another_program_on_the_status_port_is_reported() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer() -> None:
@@ -476,9 +476,7 @@ def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
 
 
 @pytest.mark.parametrize(("longest", "told"), [(1000, "does not come from a gateway"), (1 << 30, "no gateway answers")])
-def test_who_answers_the_status_port_without_an_end_is_not_listened_to_for_ever(
-    longest: int, told: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_endless_answer_of_the_status_port_is_cut(longest: int, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(status_client, "_LONGEST", longest)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -496,7 +494,7 @@ def test_who_answers_the_status_port_without_an_end_is_not_listened_to_for_ever(
 
 
 @pytest.mark.e2e
-def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_it(
+def test_the_status_port_sends_axes_and_counters_to_several_clients(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(status_module, "_PATIENCE_NS", 3600 * SECOND)

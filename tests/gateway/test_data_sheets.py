@@ -168,7 +168,7 @@ MOVES = {1: turns, 9: travels, 111: positions}
 
 
 @pytest.mark.parametrize(("name", "number"), MOVED)
-def test_an_accepted_drive_moves_as_it_is_told(name: str, number: int, tmp_path: Path) -> None:
+def test_an_accepted_drive_moves_as_commanded(name: str, number: int, tmp_path: Path) -> None:
     sheet = SHEETS[name]
     with running(config(sheet, number, tmp_path)) as daemon:
         drive = world_of(daemon).drive("world", 1, shape=sheet.shape)

@@ -261,7 +261,7 @@ def test_arbitrary_files_never_raise(tmp_path_factory: pytest.TempPathFactory, t
 
 
 @pytest.mark.parametrize("place", ["fifo", "directory", "device"])
-def test_a_store_that_is_no_file_is_rejected_at_once(tmp_path: Path, place: str) -> None:
+def test_a_store_that_is_not_a_file_is_rejected_at_once(tmp_path: Path, place: str) -> None:
     path = Path("/dev/zero") if place == "device" else tmp_path / "store.json"
     if place == "fifo":
         os.mkfifo(path)
@@ -339,7 +339,7 @@ def test_a_change_that_is_not_allowed_changes_nothing(tmp_path: Path) -> None:
     assert store.parameters == DeviceParameters()
 
 
-def test_a_damaged_file_on_a_read_only_disk_is_told_and_does_not_keep_the_gateway_from_starting(
+def test_a_damaged_file_on_a_read_only_disk_is_reported_and_the_gateway_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "parameters.json"

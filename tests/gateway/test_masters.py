@@ -166,7 +166,7 @@ def _download(index: int, subindex: int, data: bytes) -> bytes:
     return bytes((0x23 | (4 - len(data)) << 2, *index.to_bytes(2, "little"), subindex)) + data.ljust(4, b"\0")
 
 
-MAPPED_ANEW = (
+MAPPED_AGAIN = (
     _download(0x1400, 1, (0x8000_0201).to_bytes(4, "little")),
     _download(0x1600, 0, b"\0"),
     _download(0x1600, 1, (0x6040_0010).to_bytes(4, "little")),
@@ -180,7 +180,7 @@ MAPPED_ANEW = (
 @pytest.mark.parametrize(
     ("frames", "what"),
     [
-        (MAPPED_ANEW, "1400h/1"),
+        (MAPPED_AGAIN, "1400h/1"),
         ((_download(0x6060, 0, b"\1"),), "6060h/0"),
         ((_download(0x6040, 0, b"\x0f\0"),), "6040h/0"),
         ((_download(0x6094, 1, bytes((50, 0, 0, 0))),), "6094h/1"),
@@ -300,7 +300,7 @@ def _segment(number: int) -> bytes:
 
 
 @pytest.mark.parametrize("segments", [0, 34, 127])
-def test_data_of_a_block_download_is_not_taken_for_other_writes(segments: int) -> None:
+def test_data_of_a_block_download_does_not_count_as_other_writes(segments: int) -> None:
     with operating() as (daemon, plc):
         other = world_of(daemon).bus(CHANNEL).join("another tool")
 
@@ -318,7 +318,7 @@ def test_data_of_a_block_download_is_not_taken_for_other_writes(segments: int) -
         assert "another tool writes 6060h/0" in daemon.axes[0].faults[0].text
 
 
-def test_block_download_behind_one_of_64_segments_is_a_write() -> None:
+def test_block_download_after_one_of_64_segments_is_a_write() -> None:
     """The end of the first one could be its segment 65, the begin of the second one its segment 66."""
     with operating() as (daemon, plc):
         other = world_of(daemon).bus(CHANNEL).join("another tool")

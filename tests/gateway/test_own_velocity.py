@@ -41,7 +41,7 @@ def positioner(*blocks: Block) -> PositionerRig:
 def test_task_at_100_percent_runs() -> None:
     rig = positioner()
     move(rig, target=5000, **FULL_SPEED)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.reason) == (5000, None)
 
 
@@ -54,22 +54,22 @@ def test_task_below_100_percent_is_refused(values: dict[str, int], moving: bool)
         rig.step(20)
     before = len(rig.starts)
     move(rig, **{"target": 5000, **FULL_SPEED, **values})
-    rig.settle()
+    rig.run_out()
     assert len(rig.starts) == before
     assert (rig.result.state, rig.result.reason) == (State.IDLE, Reason.TASK_VELOCITY)
     assert not rig.result.acknowledged
     rig.step(override=FULL)
-    rig.settle()
+    rig.run_out()
     assert len(rig.starts) == before, "an override starts nothing"
 
 
 def test_velocity_and_override_count_as_their_product() -> None:
     rig = positioner()
     move(rig, target=5000, **{**FULL_SPEED, "velocity": ONLY // 2, "override": 2 * FULL - 2})
-    rig.settle()
+    rig.run_out()
     assert rig.result.reason is Reason.TASK_VELOCITY
     move(rig, velocity=2 * ONLY)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.reason) == (5000, None)
 
 
@@ -80,13 +80,13 @@ def test_changed_override_ends_a_task_and_never_resumes_it(override: int) -> Non
     rig.step(20)
     assert rig.speed
     rig.step(override=override)
-    rig.settle()
+    rig.run_out()
     assert rig.result.reason is Reason.TASK_VELOCITY
     rig.step(override=FULL)
-    rig.settle()
+    rig.run_out()
     assert len(rig.starts) == 1
     move(rig, target=90_000)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.reason) == (90_000, None)
 
 
@@ -94,7 +94,7 @@ def test_override_above_100_percent_keeps_the_task() -> None:
     rig = positioner()
     move(rig, target=90_000, **FULL_SPEED)
     rig.step(20, override=FULL + 1)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.reason) == (90_000, None)
 
 
@@ -103,7 +103,7 @@ def test_block_moves_at_100_percent_only(velocity: int) -> None:
     first = Block(1, 4000, ONLY, next=BlockNext.FLYING)
     rig = positioner(first, Block(2, 8000, velocity), Block(3, mode=BlockMode.ENDLESS_POSITIVE, velocity=300))
     move(rig, mdi=False, number=1)
-    rig.settle()
+    rig.run_out()
     reached = velocity == ONLY
     assert (rig.position, rig.result.reason) == ((8000, None) if reached else (4000, Reason.TASK_VELOCITY))
     move(rig, number=3)
@@ -116,20 +116,20 @@ def test_jog_to_a_software_limit_is_a_task_at_100_percent() -> None:
     rig.step(20, jog_2=True)
     assert rig.speed, "profile velocity mode"
     rig.step(jog_2=False)
-    rig.settle()
+    rig.run_out()
     rig.home()
     for values in ({"jog_incremental": False}, {"jog_incremental": True}):
         before = rig.position
         rig.step(20, jog_2=True, **values)
         assert (rig.position, rig.result.reason) == (before, Reason.TASK_VELOCITY)
         rig.step(jog_2=False)
-        rig.settle()
+        rig.run_out()
 
 
 def test_a_usual_drive_runs_slow_tasks() -> None:
     rig = PositionerRig()
     move(rig, target=5000, **{**ABSOLUTE, "override": FULL // 2})
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.reason) == (5000, None)
 
 

@@ -47,7 +47,7 @@ def test_a_plc_enables_moves_and_sees_the_age_of_its_frames() -> None:
         assert line.endswith("limit 24 ms")
 
 
-def test_a_normal_connection_is_no_warning(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_normal_connection_is_not_a_warning(caplog: pytest.LogCaptureFixture) -> None:
     """The PLC sends first, without a tick: it has none yet."""
     with running(routed()) as daemon:
         world_of(daemon).network.conditions = Conditions(delay_ns=3 * MS, jitter_ns=MS)

@@ -54,7 +54,7 @@ def _drive(daemon: Daemon, name: str) -> SimulatedDrive:
     return world_of(daemon).drive("world", 1, shape=shape(name))
 
 
-def test_a_quarter_of_the_rated_speed_is_750_rpm_and_the_status_tells_why() -> None:
+def test_a_quarter_of_the_rated_speed_is_750_rpm_and_the_status_shows_why() -> None:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "si")
         until(daemon, lambda: daemon.axes[0].drive.generation, "online", PATIENCE)
@@ -221,7 +221,7 @@ def test_an_object_that_is_taken_in_a_tpdo_and_never_sent_is_noticed_and_read_by
 
 
 @pytest.mark.parametrize("fault", [("late-pdos", {"delay_ms": 150}), ("lost-pdos", {"every": 2})])
-def test_an_object_whose_tpdo_comes_late_or_not_always_is_not_taken_for_one_that_never_comes(
+def test_a_late_or_irregular_tpdo_does_not_count_as_a_missing_one(
     fault: tuple[str, dict[str, int]],
 ) -> None:
     with running(configuration(axis(1, more=""))) as daemon:
@@ -326,7 +326,7 @@ def test_homing_at_the_current_position_is_35_and_37_whichever_the_drive_has(ask
         ("vl", None, 0, ("", ""), "velocity units"),
     ],
 )
-def test_parameters_tell_of_a_drive_only_what_its_own_family_has(
+def test_parameters_have_of_a_drive_only_what_its_family_has(
     name: str, resolution: int | None, code: int, object_: tuple[str, str], unit: str
 ) -> None:
     with serving(configuration(axis(1, more="")), connect=lambda daemon: _drive(daemon, name)) as (_, client):

@@ -180,7 +180,7 @@ def test_a_lost_drive_that_turns_on_in_pre_operational_is_stopped_before_it_is_c
 
 
 @pytest.mark.parametrize("left", [State.SWITCHED_ON, State.OPERATION_ENABLED])
-def test_a_drive_that_somebody_left_switched_on_is_stopped_when_the_gateway_finds_it(left: State) -> None:
+def test_a_drive_that_was_left_switched_on_is_stopped_when_the_gateway_finds_it(left: State) -> None:
     with running(configuration(axis(1))) as daemon:
         written = _written(daemon)
         drive = drive_of(daemon)

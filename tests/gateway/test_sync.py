@@ -84,7 +84,7 @@ def test_sync_makes_the_values_of_other_telegrams_synchronous_and_not_their_set_
         assert [node.read(index, 2) for index in (0x1400, 0x1800)] == [255, 1]
 
 
-def test_a_set_point_takes_effect_with_the_sync_behind_it_and_comes_in_every_cycle() -> None:
+def test_a_setpoint_takes_effect_with_the_next_sync_and_is_sent_in_every_cycle() -> None:
     with operating(configuration(axis(1, telegram_number=105, more=MORE))) as (daemon, plc):
         frames: list[int] = []
         daemon.networks["can"].listeners.append(lambda message: frames.append(message.arbitration_id))
@@ -176,17 +176,17 @@ def test_the_loss_of_sync_guards_where_the_drive_holds_the_period_that_was_writt
     assert bool(found.refusal) is (held != 4000)
 
 
-def test_sync_is_withheld_from_a_deaf_drive_that_nothing_else_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sync_is_withheld_from_a_drive_that_reacts_to_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
         drive, plc = turning(daemon)
         receive = drive.node.receive
 
-        def deaf(can_id: int, data: bytes, now: int) -> None:
+        def without_reaction(can_id: int, data: bytes, now: int) -> None:
             if can_id == SYNC:
                 receive(can_id, data, now)
 
-        drive.do(lambda node: setattr(node, "receive", deaf))
+        drive.do(lambda node: setattr(node, "receive", without_reaction))
         plc.endpoint.set(0, {"STW1": 0x047B})
         plc.until(lambda: drive.model.ramp.speed == 0, "standstill")
         assert drive.model.emcy_code == 0x8700

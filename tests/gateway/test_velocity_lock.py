@@ -20,14 +20,14 @@ from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, onl
 
 ACKNOWLEDGE = 1 << 7
 _OBJECTS = {(0x6080, 0): 3000, (0x60A9, 0): 0x00B4_4700, (0x608F, 1): 4096, (0x608F, 2): 1}
-LIES = Law(8.0, objects=_OBJECTS)
+WRONG_LAW = Law(8.0, objects=_OBJECTS)
 """60A9h says rpm, one unit is 8 rpm."""
 
 
 @contextmanager
 def stopped_by_the_check() -> Iterator[tuple[Daemon, OwnLawDrive, Plc]]:
     with running(configuration(axis(1, more=""))) as daemon:
-        drive = OwnLawDrive(world_of(daemon), "world", 1, LIES)
+        drive = OwnLawDrive(world_of(daemon), "world", 1, WRONG_LAW)
         online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
@@ -56,7 +56,7 @@ def _for_a_second(plc: Plc) -> None:
     plc.exchange(SECOND // plc.daemon.cycle_ns)
 
 
-def test_contradiction_stops_by_quick_stop_and_is_told() -> None:
+def test_contradiction_stops_by_quick_stop_and_is_reported() -> None:
     with stopped_by_the_check() as (daemon, drive, plc):
         _for_a_second(plc)
         fault = daemon.axes[0].faults[0]
@@ -181,7 +181,7 @@ def test_units_that_could_not_be_read_again_are_read_before_the_next_start() -> 
 def test_clients_that_read_all_the_time_do_not_end_the_check(clients: int) -> None:
     """The drive has no TPDO with 6064h, and each answer comes during the access of a client."""
     with running(configuration(axis(1, more=""))) as daemon:
-        OwnLawDrive(world_of(daemon), "world", 1, LIES)
+        OwnLawDrive(world_of(daemon), "world", 1, WRONG_LAW)
         client = daemon.axes[0].drive
         online(daemon)
         plc = Plc(daemon, [1])
@@ -202,7 +202,7 @@ def test_clients_that_read_all_the_time_do_not_end_the_check(clients: int) -> No
 def test_slow_sdo_answers_make_the_check_slower_and_not_blind(delay_ms: int) -> None:
     """The drive has no TPDO with 6064h. A step is five times as long as an answer, and four steps count."""
     with running(configuration(axis(1, more=""))) as daemon:
-        drive = OwnLawDrive(world_of(daemon), "world", 1, LIES)
+        drive = OwnLawDrive(world_of(daemon), "world", 1, WRONG_LAW)
         online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
@@ -215,7 +215,7 @@ def test_slow_sdo_answers_make_the_check_slower_and_not_blind(delay_ms: int) -> 
 
 
 @pytest.mark.parametrize("delay_ms", [1, 60, 180])
-def test_slow_sdo_answers_are_no_contradiction(delay_ms: int) -> None:
+def test_slow_sdo_answers_are_not_contradictions(delay_ms: int) -> None:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, Law(1.0, objects=_OBJECTS))
         online(daemon)

@@ -27,7 +27,7 @@ from tests.support.gateways.daemon import (
 
 RATED = 3000
 PERCENT = 4
-WANTED = RATED * PERCENT / 100
+COMMANDED = RATED * PERCENT / 100
 _NSOLL = signal("NSOLL_A")
 ANSWERS = {(0x6080, 0): RATED}
 RPM, TENTH_RPM, INCREMENTS = 0x00B4_4700, 0xFFB4_4700, 0x00B5_0300
@@ -198,19 +198,19 @@ def _watch(daemon: Daemon, plc: Plc, drive: OwnLawDrive, duration: int) -> Run:
         if node.rpm:
             moved = moved or loop.now()
             moving = loop.now()
-        if abs(node.rpm) > 1.25 * WANTED:
+        if abs(node.rpm) > 1.25 * COMMANDED:
             departed = departed or loop.now()
     text = "; ".join(fault.text for fault in daemon.axes[0].faults)
-    factor = node.fastest / WANTED
+    factor = node.fastest / COMMANDED
     if not moved:
         return Run("refused", text, 0.0)
     if moving < begun + duration - 500 * MS:
         return Run("stopped", text, factor, (node.stopped_at - (departed or moved)) / SECOND)
-    return Run("turned", text, abs(node.rpm) / WANTED)
+    return Run("turned", text, abs(node.rpm) / COMMANDED)
 
 
 @pytest.mark.parametrize("name", LIARS)
-def test_lying_drive_turns_as_asked_or_not_at_all(name: str) -> None:
+def test_drive_with_wrong_values_turns_as_commanded_or_not_at_all(name: str) -> None:
     liar = LIARS[name]
     found = run(liar)
     if liar.outcome == "right":
@@ -223,7 +223,7 @@ def test_lying_drive_turns_as_asked_or_not_at_all(name: str) -> None:
         assert found.seconds < 1, found
 
 
-def test_units_that_change_while_the_drive_stands_in_operation_are_noticed_before_it_moves() -> None:
+def test_units_that_change_at_standstill_in_operation_are_noticed_before_motion() -> None:
     law = LIARS["60A9h = 0.1 rpm, rewritten to rpm meanwhile"].law
     with running(configuration(axis(1, more=""))) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, law)

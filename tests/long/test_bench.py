@@ -44,13 +44,13 @@ def test_late_answer_is_missed_and_does_not_answer_the_next_cycle() -> None:
         peer.send()
         data, client = server.recvfrom(8)
         server.sendto(data, client)
-        peer.settle()
+        peer.run_out()
         assert (peer.samples, peer.missed) == ([], 2)
         peer.send()
         for _ in range(2):
             data, client = server.recvfrom(8)
         server.sendto(data, client)
-        peer.settle()
+        peer.run_out()
         assert (len(peer.samples), peer.missed) == (1, 2)
         peer.socket.close()
 

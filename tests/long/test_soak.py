@@ -45,14 +45,14 @@ def run_of(seed: int, number: int) -> SoakRun:
 @pytest.mark.parametrize("seed", range(2))
 def test_short_soak_of_drawn_axes_finds_nothing(seed: int) -> None:
     soak_run = SoakRun(next(parts(seed)))
-    soak_run.play(20 * SECOND)
+    soak_run.run_to(20 * SECOND)
     assert soak_run.starts >= 4, "a life without starts proves nothing"
 
 
 @pytest.mark.parametrize("number", [9, 100, 111])
 def test_short_soak_of_each_executor_finds_nothing(number: int) -> None:
     soak_run = run_of(7, number)
-    soak_run.play(20 * SECOND)
+    soak_run.run_to(20 * SECOND)
     assert soak_run.starts >= 2
 
 
@@ -66,7 +66,7 @@ def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
         soak_run.bus.taps.append(
             lambda now, member, can_id, data: everything.update(f"{now} {can_id} ".encode() + data)
         )
-        soak_run.play(4 * SECOND)
+        soak_run.run_to(4 * SECOND)
         return soak_run.trace.lines, everything.hexdigest()
 
     assert lived(3) == lived(3) != lived(4)
@@ -75,7 +75,7 @@ def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
 def test_part_of_the_day_runs_without_those_before_it() -> None:
     part = next(islice(parts(1), 2, None))
     soak_run = SoakRun(part)
-    soak_run.play(part.begin + 10 * SECOND)
+    soak_run.run_to(part.begin + 10 * SECOND)
     assert soak_run.loop.now() == part.begin + 10 * SECOND
     assert soak_run.trace.lines[0].startswith(clock(part.begin)[:6])
 
@@ -88,41 +88,41 @@ def test_parts_follow_each_other_with_as_many_cycles_each() -> None:
     assert min(part.plan.duration_ns for part in day) == SHORTEST_PART_NS
 
 
-def test_every_trouble_begins_and_ends() -> None:
+def test_every_disturbance_begins_and_ends() -> None:
     """Drawn by weight: each has its turn within minutes; here they begin one after the other."""
     soak_run = run_of(11, 1)
-    soak_run.play(5 * SECOND)
+    soak_run.run_to(5 * SECOND)
     for disturbance in DISTURBANCES:
         undo = disturbance.begin(soak_run, soak_run.axes[0], Random(1))
-        soak_run.play(soak_run.loop.now() + SECOND // 10)
+        soak_run.run_to(soak_run.loop.now() + SECOND // 10)
         undo()
     assert BY_NAME.keys() >= {"PLC: IOPS BAD", "bus: other master", "network: second PLC"}
 
 
 def test_gateway_that_ended_starts_again_when_interface_is_plugged_in() -> None:
     soak_run = run_of(11, 1)
-    soak_run.play(SECOND)
+    soak_run.run_to(SECOND)
     soak_run.begin_disturbance(BY_NAME["bus: other master"], soak_run.axes[0], MS)
     ended = soak_run.daemon
     while not ended.stopped.is_set():
-        soak_run.play(soak_run.loop.now() + MS // 5)
+        soak_run.run_to(soak_run.loop.now() + MS // 5)
     soak_run.begin_disturbance(BY_NAME[UNPLUGGED], soak_run.axes[0], SECOND)
-    soak_run.play(soak_run.loop.now() + SECOND // 2)
+    soak_run.run_to(soak_run.loop.now() + SECOND // 2)
     assert soak_run.daemon is ended
-    soak_run.play(soak_run.loop.now() + SECOND)
+    soak_run.run_to(soak_run.loop.now() + SECOND)
     assert soak_run.daemon is not ended
 
 
 def test_gateway_that_starts_again_has_the_drives_own_torque_limit_of_the_one_before() -> None:
     soak_run = run_of(11, 102)
-    soak_run.play(5 * SECOND)
+    soak_run.run_to(5 * SECOND)
     axis, before = soak_run.axes[0], soak_run.daemon
     kept = before.store.parameters.drive_object(1).own_values
     assert [item.index for item in kept.values] == [0x6072]
     axis.drive.node.model.max_torque = 1
     soak_run.begin_disturbance(BY_NAME["bus: other master"], axis, MS)
     while soak_run.daemon is before or not soak_run.daemon.clients[0].generation:
-        soak_run.play(soak_run.loop.now() + MS)
+        soak_run.run_to(soak_run.loop.now() + MS)
     drive = soak_run.daemon.axes[0].drive.drive_type
     assert drive is not None
     assert drive.max_torque == kept.values[0].value
@@ -130,7 +130,7 @@ def test_gateway_that_starts_again_has_the_drives_own_torque_limit_of_the_one_be
 
 @pytest.mark.parametrize("delay_ms", [100, 250], ids=["counter old", "counter as if new"])
 @pytest.mark.parametrize(("place", "value"), [("iops", 0), ("STW1", 0x7D)], ids=["IOPS BAD", "OFF2"])
-def test_frame_that_was_overtaken_is_no_reason_for_another_off(
+def test_overtaken_frame_is_not_a_reason_for_another_off(
     delay_ms: int, place: str, value: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The gateway drops it. By the rule of PROFINET a counter counts as new again when it is more than 128 ms old."""
@@ -138,7 +138,7 @@ def test_frame_that_was_overtaken_is_no_reason_for_another_off(
     network, layout = soak_run.world.network, CSduLayout([telegram(1)], Direction.SETPOINT)
     frames: list[tuple[Address, Address, bytes]] = []
     network.arrivals.append(lambda _, source, target, data: frames.append((source, target, data)))
-    soak_run.play(2 * SECOND)
+    soak_run.run_to(2 * SECOND)
     reasons: list[str] = []
     monkeypatch.setattr(SoakAxis, "require_new_off", lambda self, why, since=None: reasons.append(why))
     source, target, data = [frame for frame in frames if frame[1] == soak_run.daemon.address][-1]
@@ -147,7 +147,7 @@ def test_frame_that_was_overtaken_is_no_reason_for_another_off(
     network.conditions = Conditions(delay_ns=delay_ms * MS)
     network.carry(bytes(late), source, target)
     network.conditions = Conditions()
-    soak_run.play(soak_run.loop.now() + 300 * MS)
+    soak_run.run_to(soak_run.loop.now() + 300 * MS)
     assert bytes(late) in [frame[2] for frame in frames]
     assert reasons == []
 
@@ -197,7 +197,7 @@ _IN_TIME, _LATE = MS, SECOND
     ],
     ids=["nothing yet", "nothing", "drive lost", "repeated", "repeated, late", "taken back", "new", "new, drive lost"],
 )
-def test_start_after_loss_counts_when_gateway_enables_or_does_not_take_back(
+def test_start_after_loss_counts_when_gateway_enables_or_does_not_withdraw_it(
     words: list[int], after: int, reached: bool, rejected: bool
 ) -> None:
     """The input is back: by an Enable Operation from before, also repeated since, the drive may start only until the gateway
@@ -218,7 +218,7 @@ def test_start_after_loss_counts_when_gateway_enables_or_does_not_take_back(
     [(100, 9_990, False), (100, 9_970, True), (5_000, 9_990, True), (100, 200, True)],
     ids=["held frame", "no stop behind it", "sent long after the loss", "not stopped at all"],
 )
-def test_drive_turns_after_loss_only_until_stop_behind_held_frame(
+def test_drive_turns_after_loss_only_until_stop_after_held_frame(
     enabled_ms: int, started_ms: int, rejected: bool
 ) -> None:
     """Times since the loss, checked after 10 s: the controller sent an Enable Operation late, and the stop after it."""
@@ -240,10 +240,10 @@ def test_drive_turns_after_loss_only_until_stop_behind_held_frame(
     assert (Rule.STOPS in broken(seen)) is rejected
 
 
-def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:
+def test_rpdo_to_drive_after_power_on_is_not_a_controlword() -> None:
     """The drive has its own mapping then, and takes no RPDO."""
     soak_run = run_of(7, 9)
-    soak_run.play(2 * SECOND)
+    soak_run.run_to(2 * SECOND)
     (axis,) = soak_run.axes
     rpdos = axis.drive.node.pdos.received.items()
     can_id, frame = next((i, pdo.pack(axis.drive.model)) for i, pdo in rpdos if "controlword" in pdo.attributes)
@@ -286,7 +286,7 @@ def test_gateway_accepts_every_pair_of_telegrams_at_each_drawn_cycle() -> None:
         assert all(axis.shape in shapes_of(axis.telegram) for axis in plan.axes)
 
 
-def test_control_words_stand_for_one_frame_up_to_seconds() -> None:
+def test_control_words_last_one_frame_up_to_seconds() -> None:
     words = Words(telegram(1), Random(1), 4 * MS)
     stands = [words.word_duration_ns() for _ in range(2000)]
     assert min(stands) == 4 * MS
@@ -330,7 +330,7 @@ def test_wrong_telegrams_are_rejected(capsys: pytest.CaptureFixture[str]) -> Non
 def test_nothing_of_a_part_is_left_after_it() -> None:
     """A day is many parts: what one keeps is a leak."""
     soak_run = SoakRun(next(parts(1)))
-    soak_run.play(5 * SECOND)
+    soak_run.run_to(5 * SECOND)
     world = weakref.ref(soak_run.world)
     soak_run.close()
     del soak_run

@@ -51,19 +51,19 @@ def test_document_has_each_of_sixteen_defects_found_within_two_hours() -> None:
 def test_task_that_the_plc_did_not_give_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Words, "set_word", lambda self, word: self.values.update({self.name: word}))
     with pytest.raises(ViolationError, match=rf"{Rule.MOVES.sentence}: .* \d+ motions for 0 orders"):
-        SoakRun(next(parts(1, 1, [9])), keep_telegrams=True).play(300 * SECOND)
+        SoakRun(next(parts(1, 1, [9])), keep_telegrams=True).run_to(300 * SECOND)
 
 
 def test_zsw1_that_shows_another_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SoakRun, "_shown", lambda self, axis: 0x0007)
     with pytest.raises(ViolationError, match=rf"({Rule.OPERATES.sentence}|{Rule.FAULT.sentence}): .*ZSW1 0007h"):
-        SoakRun(next(parts(1, 1, [1])), keep_telegrams=True).play(300 * SECOND)
+        SoakRun(next(parts(1, 1, [1])), keep_telegrams=True).run_to(300 * SECOND)
 
 
 def asked_axis(word: int) -> SoakAxis:
     """An axis of telegram 1 with its drive at standstill, commanded to full speed with this STW1 for a long time."""
     soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
-    soak_run.play(SECOND)
+    soak_run.run_to(SECOND)
     (axis,) = soak_run.axes
     axis.asked(SECOND, word.to_bytes(2, "big") + b"\x40\x00", certain=True)
     return axis
@@ -87,7 +87,7 @@ def test_stop_has_its_time_after_drive_is_reached_again() -> None:
         axis.check(11 * SECOND, reached=True, zsw1=None)
 
 
-def test_quick_stop_is_no_answer_to_off2_unless_the_gateway_may_have_lost_the_plc() -> None:
+def test_quick_stop_is_not_an_answer_to_off2_unless_the_plc_may_be_lost() -> None:
     axis = asked_axis(0x047D)
     axis.plan = replace(axis.plan, on_plc_loss=PlcLossReaction.QUICK_STOP)
     axis.commanded(SECOND, 0x0002)
@@ -120,7 +120,7 @@ def test_emcy_without_an_entry_is_found() -> None:
 
 
 @pytest.mark.parametrize("entered_ms", [1000, 1100, 200])
-def test_emcy_with_its_entry_is_told(entered_ms: int) -> None:
+def test_emcy_with_its_entry_is_reported(entered_ms: int) -> None:
     """The same EMCY is entered once in a second."""
     waiting = pending(1000)
     waiting.read(1400 * MS, 0, [0x8130, *NOTHING[1:]], [entered_ms, *NOTHING[1:]])
@@ -159,7 +159,7 @@ def calm_run(number: int, seed: int = 1) -> CalmRun:
 def test_short_calm_day_of_each_telegram_finds_nothing(number: int) -> None:
     run = calm_run(number, 7)
     while run.tasks < 2:
-        run.play(run.loop.now() + 4 * SECOND)
+        run.run_to(run.loop.now() + 4 * SECOND)
     run.close()
 
 
@@ -195,7 +195,7 @@ def test_whatever_is_not_calm_is_a_violation(happens: Callable[[CalmRun], None],
     run = calm_run(111)
     run.loop.call_at(2 * SECOND, lambda: happens(run))
     with pytest.raises(ViolationError, match=said):
-        run.play(30 * SECOND)
+        run.run_to(30 * SECOND)
 
 
 @pytest.mark.parametrize(("number", "task", "end"), [(111, "relative", "at"), (1, "profile", "reached")])
@@ -204,7 +204,7 @@ def test_task_without_its_end_is_a_violation(number: int, task: str, end: str, m
     monkeypatch.setattr(type(run.program), end, lambda *_: False)
     run.program.tasks = {task: run.program.tasks[task]}
     with pytest.raises(ViolationError, match=r"(target|rpm).* does not end: axis 1: drive in Operation Enabled"):
-        run.play(60 * SECOND)
+        run.run_to(60 * SECOND)
 
 
 @pytest.mark.parametrize("number", CALM_TELEGRAMS)

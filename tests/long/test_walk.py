@@ -85,7 +85,7 @@ class Twins(Transducer):
                 self.pairs.append((self._states[number], twin, found))
         return number
 
-    def goes_on(self, state: Checkpoint, number: int) -> tuple[object, ...]:
+    def continues(self, state: Checkpoint, number: int) -> tuple[object, ...]:
         """Result of one step from a state, and the next state."""
         self._checkpoints.restore(state)
         output = self._step(*self.inputs[number])
@@ -104,7 +104,7 @@ DIFFER: set[Attribute] = {
 """Among those in which pairs differ."""
 
 
-def test_states_that_differ_only_aside_go_on_alike() -> None:
+def test_states_that_differ_only_aside_continue_alike() -> None:
     stepped, chance = set[Attribute](), Random(1)
     for case in WALKED:
         machine = case.machine(Twins)
@@ -119,6 +119,9 @@ def test_states_that_differ_only_aside_go_on_alike() -> None:
             state, _ = machine.step(state, chance.choice(likely if chance.random() < 0.8 else numbers))
         for one, other, found in machine.pairs:
             for number in numbers:
-                assert machine.goes_on(one, number) == machine.goes_on(other, number), (found, machine.inputs[number])
+                assert machine.continues(one, number) == machine.continues(other, number), (
+                    found,
+                    machine.inputs[number],
+                )
         stepped |= set(machine.seen)
     assert stepped >= DIFFER

@@ -104,7 +104,7 @@ def test_missing_bus_is_reported_with_the_command_that_opens_one(channel: str, t
         open_bus(INTERFACE, channel)
 
 
-def test_a_port_in_use_is_told() -> None:
+def test_a_port_in_use_is_reported() -> None:
     with ServedBus() as bus, pytest.raises(GatewayError, match="choose another"):
         ServedBus(int(bus.channel.rpartition(":")[2]))
 

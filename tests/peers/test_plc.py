@@ -110,7 +110,7 @@ def test_a_setpoint_that_does_not_fit_is_named_and_changes_nothing() -> None:
     assert plc.setpoints[0]["NSOLL_A"] == 0
 
 
-def play(
+def run_plc(
     document: dict[str, object], answers: list[dict[str, int] | None], drive: Callable[[str], None] = lambda _: None
 ) -> tuple[Engine, list[dict[str, int]]]:
     """Run a scenario; ``answers``: actual values of axis 1, cycle by cycle; the last one is repeated."""
@@ -130,21 +130,25 @@ def play(
 
 
 def test_enable_is_off_then_on_with_its_expectations() -> None:
-    engine, sent = play({"steps": [{"enable": True}]}, [{"ZSW1": 0x40}, {"ZSW1": 0x40}, {"ZSW1": 0x31}, {"ZSW1": 0x37}])
+    engine, sent = run_plc(
+        {"steps": [{"enable": True}]}, [{"ZSW1": 0x40}, {"ZSW1": 0x40}, {"ZSW1": 0x31}, {"ZSW1": 0x37}]
+    )
     assert [values["STW1"] for values in sent] == [0x047E, 0x047E, 0x047F, 0x047F]
     assert engine.passed
     assert [item.name.split(":")[0] for item in engine.results] == ["ready", "operation enabled"]
 
 
 def test_an_enable_of_a_drive_that_is_not_ready_ends_without_on() -> None:
-    engine, sent = play({"steps": [{"enable": True, "within": "8 ms"}, {"hold": "20 ms"}]}, [{"ZSW1": 0x40}])
+    engine, sent = run_plc({"steps": [{"enable": True, "within": "8 ms"}, {"hold": "20 ms"}]}, [{"ZSW1": 0x40}])
     assert [item.name.split(":")[0] for item in engine.results] == ["ready"]
     assert not engine.passed
     assert {values["STW1"] for values in sent} == {0x047E}
 
 
 def test_an_expectation_that_is_not_met_in_time_fails_with_the_measured_value() -> None:
-    engine, sent = play({"steps": [{"expect": {"NIST_A": "1500 rpm +- 10 rpm"}, "within": "40 ms"}]}, [{"NIST_A": 100}])
+    engine, sent = run_plc(
+        {"steps": [{"expect": {"NIST_A": "1500 rpm +- 10 rpm"}, "within": "40 ms"}]}, [{"NIST_A": 100}]
+    )
     assert not engine.passed
     assert engine.results[0].measured == "NIST_A = 18.3 rpm"
     assert len(sent) == 11
@@ -163,12 +167,12 @@ def test_an_expectation_that_is_not_met_in_time_fails_with_the_measured_value() 
 def test_measured_value_has_the_notation_of_the_expected_one(
     wanted: dict[str, str | int], values: dict[str, int], measured: str
 ) -> None:
-    engine, _ = play({"steps": [{"expect": wanted, "within": "8 ms"}]}, [values])
+    engine, _ = run_plc({"steps": [{"expect": wanted, "within": "8 ms"}]}, [values])
     assert engine.results[0].measured == measured
 
 
 def test_bad_iops_fails_an_expectation() -> None:
-    engine, _ = play({"steps": [{"expect": {"ZSW1": 0}, "within": "4 ms"}]}, [None])
+    engine, _ = run_plc({"steps": [{"expect": {"ZSW1": 0}, "within": "4 ms"}]}, [None])
     assert engine.results[0].measured.startswith("no valid actual values: no datagram from a gateway: start one")
 
 
@@ -206,7 +210,7 @@ def test_reason_for_missing_values_follows_from_the_counters() -> None:
 @pytest.mark.parametrize("value", ["99999 rpm", "-6001 rpm", "201 %"])
 def test_a_speed_no_telegram_can_carry_is_refused(value: str) -> None:
     with pytest.raises(GatewayError, match=r"step 1 \(speed\): NSOLL_A = .*: the maximum is .* in either direction"):
-        play({"steps": [{"speed": value}]}, [])
+        run_plc({"steps": [{"speed": value}]}, [])
 
 
 @pytest.mark.parametrize(
@@ -223,14 +227,14 @@ def test_a_speed_no_telegram_can_carry_is_refused(value: str) -> None:
     ],
 )
 def test_values_in_every_notation(text: str, raw: int) -> None:
-    _, sent = play({"steps": [{"speed": text}]}, [{}])
+    _, sent = run_plc({"steps": [{"speed": text}]}, [{}])
     assert sent[-1]["NSOLL_A"] == raw
 
 
 def test_mute_provider_stop_hold_and_drive_commands_reach_the_edge() -> None:
     steps = [{"mute": True}, {"run": False}, {"drive": "fault 7"}, {"hold": "20 ms"}]
     commands: list[str] = []
-    engine, sent = play({"steps": steps}, [{}], commands.append)
+    engine, sent = run_plc({"steps": steps}, [{}], commands.append)
     assert engine.muted
     assert not engine.endpoint.run
     assert commands == ["fault 7"]
@@ -241,7 +245,7 @@ def test_an_encoder_is_enabled_preset_and_acknowledged() -> None:
     steps = [{"enable": True}, {"preset": "relative"}, {"ack": True}]
     normal = {"ZSW2_ENC": 0x0200}
     answers = [normal, normal | {"G1_ZSW": 0x1000}, {"ZSW2_ENC": 0x0208, "G1_ZSW": 0x8000}, normal]
-    engine, sent = play({"telegrams": [81], "steps": steps}, answers)
+    engine, sent = run_plc({"telegrams": [81], "steps": steps}, answers)
     assert engine.passed
     words = [(values["STW2_ENC"], values["G1_STW"]) for values in sent]
     assert words == [(0x0400, 0x1800), (0x0400, 0x0800), (0x0480, 0x8800), (0x0400, 0x0800)]

@@ -27,7 +27,7 @@ FLOATS = ("mdi_tarpos_f", "mdi_velocity_f", "mdi_acc_f", "mdi_dec_f", "ref_coord
 ON = ({"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "20 s"}, {"enable": True})
 
 
-def play(number: int, *steps: dict[str, Any]) -> PlcEndpoint:
+def run_plc(number: int, *steps: dict[str, Any]) -> PlcEndpoint:
     """Steps without a gateway."""
     endpoint = PlcEndpoint([telegram(number)], CYCLE)
     engine = Engine(scenario_of([number], steps), endpoint)
@@ -60,18 +60,18 @@ def test_every_bit_a_telegram_sends_has_a_word_of_its_own(number: int) -> None:
 @pytest.mark.parametrize("number", TELEGRAMS)
 def test_every_word_of_a_telegram_sets_what_it_names(number: int) -> None:
     for word in words_of(number).values():
-        values = play(number, {"set": {word.name: 1}}).setpoints[0]
+        values = run_plc(number, {"set": {word.name: 1}}).setpoints[0]
         one = struct.unpack(">I", struct.pack(">f", 1.0))[0] if word.name in FLOATS else 1
         assert values == {**dict.fromkeys(values, 0), word.signal.name: one << (word.bit.position if word.bit else 0)}
 
 
 def test_words_of_one_step_go_out_in_one_frame() -> None:
-    endpoint = play(111, {"tracking": True, "override": "50 %", "axis": 1, "note": "both"})
+    endpoint = run_plc(111, {"tracking": True, "override": "50 %", "axis": 1, "note": "both"})
     assert (endpoint.setpoints[0]["POS_STW2"], endpoint.setpoints[0]["OVERRIDE"]) == (1, 0x2000)
 
 
 def test_yaml_key_on_is_the_bit_on() -> None:
-    assert play(1, {True: 1}).setpoints[0]["STW1"] == signal("STW1").word("ON")  # type: ignore[dict-item]
+    assert run_plc(1, {True: 1}).setpoints[0]["STW1"] == signal("STW1").word("ON")  # type: ignore[dict-item]
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_yaml_key_on_is_the_bit_on() -> None:
 )  # fmt: skip
 def test_word_that_does_not_fit_is_reported(number: int, step: dict[str, Any], text: str) -> None:
     with pytest.raises(GatewayError, match=text):
-        play(number, step)
+        run_plc(number, step)
 
 
 def test_a_typed_line_is_a_step() -> None:
@@ -119,7 +119,7 @@ def test_override_stays_for_the_next_task() -> None:
 
 
 def test_the_sign_of_life_counts_from_1_to_15_with_each_frame() -> None:
-    endpoint = play(2, {"sign_of_life": True})
+    endpoint = run_plc(2, {"sign_of_life": True})
     life = signal("STW2").bit("SIGN_OF_LIFE")
     seen = []
     for _ in range(17):
@@ -264,7 +264,7 @@ class PositionerDesk:
                 self.sent.append(word)
         return self.endpoint.setpoints[0]
 
-    def play(self) -> None:
+    def run_plc(self) -> None:
         """Acknowledge as a positioner does."""
         for _ in range(200):
             word = self.cycles()["STW1"]
@@ -282,14 +282,14 @@ def test_an_absolute_task_of_111_is_the_worked_example() -> None:
         )
     )
     assert desk.endpoint.setpoints[0]["STW1"] & 0x70 == 0x70
-    desk.play()
+    desk.run_plc()
     assert desk.engine.passed
     assert not desk.endpoint.setpoints[0]["STW1"] & 0x40
 
 
 def test_continuous_update_keeps_the_edge_bit() -> None:
     desk = PositionerDesk(111, {"mdi": {"to": 5, "update": True}}, {"mdi": {"to": 9, "update": True}})
-    desk.play()
+    desk.run_plc()
     assert desk.endpoint.setpoints[0]["STW1"] & 0x40
     assert (desk.endpoint.setpoints[0]["MDI_TARPOS"], desk.endpoint.setpoints[0]["POS_STW1"]) == (9, 0x9100)
     assert desk.sent == [0x70]

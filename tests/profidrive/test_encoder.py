@@ -98,7 +98,7 @@ def test_reference_marks_and_measuring_are_not_supported(command: int) -> None:
     assert sensor.step(command, 7, 0) == (0x8000, 7, 0x0F01)
 
 
-def test_requests_active_at_connect_are_no_edges() -> None:
+def test_requests_active_at_connect_are_not_edges() -> None:
     sensor = SensorInterface(RANGE)
     for word in (PRESET, None, PRESET):
         sensor.step(word, 7, 0)
@@ -403,7 +403,7 @@ def test_without_control_by_plc_only_the_sign_of_life_is_evaluated() -> None:
     assert encoder.step(FAULT_ACKNOWLEDGE | CONTROL | 0x4000, fault=False, warning=False) == REQUESTED | FAULT | 0x2000
 
 
-def test_acknowledge_set_at_connect_is_no_edge() -> None:
+def test_acknowledge_set_at_connect_is_not_an_edge() -> None:
     encoder = control()
     encoder.step(CONTROL, fault=True, warning=False)
     encoder.step(None, fault=False, warning=False)

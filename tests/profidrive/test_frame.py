@@ -149,7 +149,7 @@ def test_a_frame_is_newer_within_61440_steps(new: int, last: int, newer: bool) -
     assert rt.is_newer(new, last) is newer
 
 
-def test_several_axes_lie_one_after_the_other_and_iocs_at_the_end() -> None:
+def test_several_axes_follow_one_another_with_iocs_at_the_end() -> None:
     layout = rt.CSduLayout([telegram(1), telegram(9)], Direction.SETPOINT)
     assert layout.offsets == (2, 7)
     assert layout.iops == (6, 27)

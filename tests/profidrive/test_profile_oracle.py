@@ -36,7 +36,7 @@ _steps = st.lists(
 def test_zsw1_is_that_of_the_general_state_machine(steps: list[str | tuple[int, int]], number: int) -> None:
     bench, machine = Bench(number), oracle.StateMachine()
     bench.step(CONTROL, cycles=SETTLING)
-    machine.settle(CONTROL)
+    machine.run_out(CONTROL)
     broken = False
     for step in steps:
         if step == "fault":
@@ -51,7 +51,7 @@ def test_zsw1_is_that_of_the_general_state_machine(steps: list[str | tuple[int, 
             if broken:
                 word &= ~0x80  # the plain drive has no causes: no acknowledgement while there is one
             shown = bench.step(word, 0x1000 if number == 1 else 0x1000_0000, cycles)
-            expected = machine.settle(word)
+            expected = machine.run_out(word)
             assert shown & oracle.STATE_BITS == expected, (f"{word:04X}h", machine.state)
 
 
@@ -164,9 +164,9 @@ def test_answers_are_those_of_the_parameter_manager(requests: list[bytes]) -> No
 
 def test_the_oracle_reaches_every_state() -> None:
     machine = oracle.StateMachine()
-    seen = {machine.settle(word) & 0x4F for word in (0, 0x06, 0x07, 0x0F)}
+    seen = {machine.run_out(word) & 0x4F for word in (0, 0x06, 0x07, 0x0F)}
     machine.fault()
-    assert seen | {machine.settle(0x0F) & 0x4F} == set(oracle.SHOWN.values())
+    assert seen | {machine.run_out(0x0F) & 0x4F} == set(oracle.SHOWN.values())
     words = [sum(bits) for bits in itertools.product((0, 0x8000), (0, 0x4000), (0, 0x1000))]
     assert {
         oracle.sensor_state(state, 0, word, False, "done") for state in oracle.SENSOR_SHOWN for word in words

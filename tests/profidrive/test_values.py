@@ -164,7 +164,7 @@ def test_positions_are_length_units_where_the_telegram_has_them() -> None:
     assert texts(telegram(9).setpoints, {"MDI_TARPOS": 0x2000_0000}) == {"MDI_TARPOS": "50.000 %"}
 
 
-def test_error_code_of_a_sensor_is_no_position() -> None:
+def test_error_code_of_a_sensor_is_not_a_position() -> None:
     values = {"G1_ZSW": 0x8000, "G1_XIST2": 0x0F01}
     meaning = SENSOR_ERROR_TEXTS[SensorError.COMMAND_NOT_SUPPORTED]
     assert texts(telegram(3).actuals, values)["G1_XIST2"] == f"error 0F01h ({meaning})"

@@ -36,7 +36,7 @@ AXIS = (1, 2)
 def test_a_controller_finds_the_device_by_name_and_exchanges_data() -> None:
     wire = Wire()
     wire.connect()
-    assert len(wire.told(Connected)) == 1
+    assert len(wire.reported(Connected)) == 1
     wire.plc.set_output(AXIS, bytes.fromhex("047f2000"))
     wire.device.set_input(AXIS, bytes.fromhex("0e371fff"), good=True)
     wire.run(20 * MS)
@@ -55,7 +55,7 @@ def test_release_ends_the_relationship_and_a_new_one_is_possible_at_once() -> No
         wire.run(50 * MS)
         assert wire.plc.learned.ended == "released"
         assert wire.device.relation is None
-    assert [event.ended.code for event in wire.told(Disconnected)] == [AbortCode.RELEASED] * 3
+    assert [event.ended.code for event in wire.reported(Disconnected)] == [AbortCode.RELEASED] * 3
 
 
 def test_silent_controller_is_lost_within_the_data_hold_time() -> None:
@@ -66,7 +66,7 @@ def test_silent_controller_is_lost_within_the_data_hold_time() -> None:
     since = wire.now
     wire.run(1000 * MS, lambda: not wire.device.connected)
     assert wire.now - since <= 24 * MS
-    (lost,) = wire.told(Disconnected)
+    (lost,) = wire.reported(Disconnected)
     assert lost.ended.code is AbortCode.DATA_HOLD
     assert wire.plc.learned.error == 0xCF81FD05
 

@@ -40,7 +40,7 @@ def wait_for(condition: Callable[[], object], what: str | Callable[[], str], sec
     while not condition():
         check_processes()
         assert time.monotonic() < deadline, f"not within {seconds} s: {what() if callable(what) else what}"
-        play(_POLL_NS)
+        pass_time(_POLL_NS)
 
 
 def check_processes() -> None:
@@ -49,7 +49,7 @@ def check_processes() -> None:
         check()
 
 
-def play(duration: int) -> None:
+def pass_time(duration: int) -> None:
     """Run the test's loops for this number of nanoseconds."""
     if not _loops:
         time.sleep(duration / 1e9)

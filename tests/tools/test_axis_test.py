@@ -94,7 +94,7 @@ class Site:
         """Turns of the motor."""
         return self.drive.shaft(0)
 
-    def stands_without_power(self) -> bool:
+    def at_standstill_without_power(self) -> bool:
         model = self.drive.model
         return model.ramp.speed == 0 and model.state in {
             State.SWITCH_ON_DISABLED,
@@ -118,7 +118,7 @@ def test_every_drive_variant_turns_as_commanded_and_not_further(name: str) -> No
         assert abs(int(fit[1]) - TURN) < TURN // 50
     assert 2.4 < site.turned < 3
     assert site.fastest < 61
-    assert site.stands_without_power()
+    assert site.at_standstill_without_power()
     assert any(line.startswith("in all     6064h +") for line in site.lines)
 
 
@@ -134,7 +134,7 @@ def test_without_a_number_of_turns_nothing_is_verified(
     assert (outcome.passed, outcome.confirmed) == (True, confirmed)
     assert any(line.startswith("not verified") for line in site.lines) is not confirmed
     assert site.asked == ["turn 1", TURNS]
-    assert site.stands_without_power(), "while the person counts"
+    assert site.at_standstill_without_power(), "while the person counts"
 
 
 def test_consistently_wrong_resolution_is_detected_by_the_mark() -> None:
@@ -195,7 +195,7 @@ def test_unit_wrong_by_two_is_detected_at_creep_speed() -> None:
     assert re.search(r"one unit of 60FFh is 0\.50\d* rpm", "".join(site.lines))
     assert site.fastest < 16
     assert site.turned < 1
-    assert site.stands_without_power()
+    assert site.at_standstill_without_power()
 
 
 @pytest.mark.parametrize("unit", ["1/4 rpm", "0.1 rpm", "0.005 rpm"])
@@ -204,7 +204,7 @@ def test_too_fast_motion_stops_within_a_fraction_of_a_turn(unit: str) -> None:
     outcome = site.run()
     assert "wrong units, or runaway" in outcome.abort_reason
     assert site.turned < 1
-    assert site.stands_without_power()
+    assert site.at_standstill_without_power()
 
 
 def test_wrong_counts_per_revolution_has_both_explanations() -> None:
@@ -280,7 +280,7 @@ def test_a_drive_that_shows_the_other_direction_is_stopped_at_once(
     outcome = site.run()
     assert said in outcome.abort_reason
     assert site.turned < 0.3
-    assert site.stands_without_power()
+    assert site.at_standstill_without_power()
 
 
 def test_a_fault_of_the_drive_while_it_turns_ends_the_test_with_its_text() -> None:
@@ -289,7 +289,7 @@ def test_a_fault_of_the_drive_while_it_turns_ends_the_test_with_its_text() -> No
     outcome = site.run()
     assert "the drive has left operation" in outcome.abort_reason
     assert "over-current" in outcome.abort_reason.lower() or "2310h" in outcome.abort_reason
-    assert site.stands_without_power()
+    assert site.at_standstill_without_power()
 
 
 def test_ctrl_c_stops_the_drive_by_quick_stop() -> None:
@@ -299,7 +299,7 @@ def test_ctrl_c_stops_the_drive_by_quick_stop() -> None:
     assert outcome.interrupted
     assert State.QUICK_STOP_ACTIVE in site.states
     assert site.turned < 0.3
-    assert site.stands_without_power()
+    assert site.at_standstill_without_power()
 
 
 def test_axis_test_does_not_start_beside_a_plc() -> None:
@@ -323,7 +323,7 @@ def test_plc_switched_on_meanwhile_ends_the_axis_test() -> None:
     plc = site.world.network.open("plc", 0, "PLC")
     site.when_turning(lambda: plc.send(b"frame", ("127.0.0.1", 34980)))
     assert "a PLC sends frames from plc:" in site.run().abort_reason
-    assert site.stands_without_power()
+    assert site.at_standstill_without_power()
 
 
 def test_axis_test_does_not_start_beside_a_gateway() -> None:
@@ -352,7 +352,7 @@ def test_another_master_ends_the_axis_test(turning: bool) -> None:
     with pytest.raises(GatewayError, match="another master"):
         site.run()
     assert (State.OPERATION_ENABLED in site.states) == turning
-    assert site.stands_without_power()
+    assert site.at_standstill_without_power()
 
 
 def test_a_speed_below_one_unit_of_the_drive_is_refused() -> None:

@@ -100,7 +100,7 @@ def test_the_help_shows_what_is_to_be_typed(name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "command"), EVERY, ids=[name for name, _ in EVERY])
-def test_no_bracket_of_a_help_text_is_taken_for_markup(name: str, command: Any) -> None:
+def test_no_bracket_of_a_help_text_counts_as_markup(name: str, command: Any) -> None:
     texts = [command.help or "", *(getattr(item, "help", None) or "" for item in command.params)]
     assert [text for text in texts if Text.from_markup(text).plain != text] == []
 

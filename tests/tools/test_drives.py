@@ -96,7 +96,7 @@ def test_data_sheet_without_a_family_describes_the_drive_itself(tmp_path: Path) 
     assert "family engel" in _run(str(EDS_PATH))
 
 
-def test_a_sheet_of_another_device_is_no_drive(tmp_path: Path) -> None:
+def test_a_sheet_of_another_device_is_not_a_drive(tmp_path: Path) -> None:
     file = tmp_path / "io.eds"
     file.write_text("[DeviceInfo]\n[1000]\nParameterName=x\nDataType=7\nAccessType=ro\nDefaultValue=0x00030191\n")
     assert "no CiA 402 drive: 6040h and 6041h missing, device profile 401" in _run(str(file))

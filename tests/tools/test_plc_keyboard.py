@@ -23,8 +23,8 @@ class Desk:
 
     def __init__(self, *numbers: int) -> None:
         self.plc = PlcEndpoint([telegram(number) for number in numbers], CYCLE)
-        self.told: list[str] = []
-        self.keyboard = Keyboard(self.plc, self.told.append)
+        self.reported: list[str] = []
+        self.keyboard = Keyboard(self.plc, self.reported.append)
         self.now = 0
         self.answer(*[0] * len(numbers))
 
@@ -60,7 +60,7 @@ def test_enable_turns_and_off1() -> None:
     assert desk.plc.setpoints[0]["NSOLL_A"] == 0x4000 // 10
     desk.keys("o")
     assert desk.bit("ON") == 0
-    assert desk.told == []
+    assert desk.reported == []
 
 
 @pytest.mark.parametrize(("key", "name"), [("o", "ON"), ("q", "NO_QUICK_STOP"), ("c", "NO_COAST_STOP")])
@@ -80,8 +80,8 @@ def test_enable_without_a_ready_drive_is_reported_and_sends_no_late_on() -> None
     desk.keys("e")
     desk.cycles(1000)
     assert desk.bit("ON") == 0
-    assert len(desk.told) == 1
-    assert "ready" in desk.told[0]
+    assert len(desk.reported) == 1
+    assert "ready" in desk.reported[0]
     desk.answer(READY)
     desk.keys("e")
     assert desk.bit("ON") == 1
@@ -131,8 +131,8 @@ def test_unsupported_keys_are_reported_and_unknown_ones_ignored() -> None:
     desk.keys("mh %\n\x1b")
     desk.cycles(5)
     assert desk.plc.setpoints[0] == before
-    assert len(desk.told) == 3
-    assert all("axis 1" in text for text in desk.told)
+    assert len(desk.reported) == 3
+    assert all("axis 1" in text for text in desk.reported)
 
 
 def test_digits_choose_the_axis_the_keys_are_for() -> None:
@@ -149,7 +149,7 @@ def test_digits_choose_the_axis_the_keys_are_for() -> None:
     desk.cycles(3)
     assert [item["NSOLL_A"] for item in desk.plc.setpoints] == [0x4000 // 5, -(0x4000 // 10)]
     desk.keys("9")
-    assert desk.told == ["axis 9: does not exist, the number of axes is 2"]
+    assert desk.reported == ["axis 9: does not exist, the number of axes is 2"]
 
 
 def test_only_keys_that_a_telegram_has_are_offered() -> None:
@@ -170,7 +170,7 @@ def test_a_key_for_all_axes_acts_on_those_that_have_it() -> None:
     desk = Desk(1, 9)
     desk.answer(OPERATION, OPERATION)
     desk.keys("m")
-    assert desk.told == []
+    assert desk.reported == []
     assert desk.bit("ACTIVATE_TASK", 1) == 1
 
 
@@ -198,7 +198,7 @@ def test_a_typed_word_is_a_step_of_a_scenario() -> None:
     desk.keys("\x1b")
     desk.cycles(2)
     assert (desk.plc.setpoints[0]["MDI_TARPOS"], desk.plc.setpoints[0]["POS_STW2"]) == (700, 1)
-    assert desk.told == []
+    assert desk.reported == []
 
 
 @pytest.mark.parametrize(
@@ -217,9 +217,9 @@ def test_unknown_typed_word_is_reported_with_a_suggestion(line: str, text: str) 
     before = dict(desk.plc.setpoints[0])
     desk.keys(f":{line}\n")
     desk.cycles(2)
-    assert len(desk.told) == 1
-    assert text in desk.told[0]
-    assert "step 1" not in desk.told[0]
+    assert len(desk.reported) == 1
+    assert text in desk.reported[0]
+    assert "step 1" not in desk.reported[0]
     assert desk.plc.setpoints[0] == before
 
 
@@ -228,15 +228,15 @@ def test_a_typed_word_for_all_axes_is_for_those_that_have_it() -> None:
     desk.keys(":momred 50 %\n")
     desk.cycles(2)
     assert desk.plc.setpoints[0]["MOMRED"] == 0x2000
-    assert desk.told == []
+    assert desk.reported == []
 
 
 def test_the_list_has_the_words_of_the_telegram() -> None:
     desk = Desk(105)
     desk.keys("?")
-    (told,) = desk.told
-    assert told.startswith("telegram 105: enable, off1,")
-    words = told.split(": ", 1)[1].split(", ")
+    (text,) = desk.reported
+    assert text.startswith("telegram 105: enable, off1,")
+    words = text.split(": ", 1)[1].split(", ")
     assert {"follow", "kpc", "xerr", "g1_park", "momred"} <= set(words)
     assert not {"mdi", "override", "jog", "read"} & set(words)
     assert len(words) == len(set(words))
@@ -287,7 +287,7 @@ def test_met_expectation_is_reported() -> None:
     desk.answer(READY)
     desk.keys(":expect {ZSW1.READY_TO_SWITCH_ON: 1}\n")
     desk.cycles(2)
-    assert desk.told == ["expect {ZSW1.READY_TO_SWITCH_ON: 1}, axis 1: ZSW1.READY_TO_SWITCH_ON = 1"]
+    assert desk.reported == ["expect {ZSW1.READY_TO_SWITCH_ON: 1}, axis 1: ZSW1.READY_TO_SWITCH_ON = 1"]
 
 
 def test_the_exit_key_leaves() -> None:

@@ -49,14 +49,14 @@ def recorded(directory: Path, text: str = "") -> Iterator[tuple[Daemon, Plc, Rin
             yield daemon, plc, reader
 
 
-def play(plc: Plc, nanoseconds: int) -> None:
+def pass_time(plc: Plc, nanoseconds: int) -> None:
     until = plc.loop.now() + nanoseconds
     plc.until(lambda: plc.loop.now() >= until, "time passes")
 
 
 def test_saved_trace_has_both_buses_and_the_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with recorded(tmp_path) as (_, plc, reader):
-        play(plc, SECOND)
+        pass_time(plc, SECOND)
         file = tmp_path / "x.pcapng"
         count = save(reader, file)
     with open_source(str(file)) as source:
@@ -73,7 +73,7 @@ def test_saved_trace_has_both_buses_and_the_configuration(tmp_path: Path, capsys
 @tshark.needs_tshark
 def test_tshark_reads_a_saved_trace_of_both_link_types_without_a_malformed_packet(tmp_path: Path) -> None:
     with recorded(tmp_path) as (daemon, plc, reader):
-        play(plc, SECOND // 2)
+        pass_time(plc, SECOND // 2)
         file = tmp_path / "x.pcapng"
         count = save(reader, file)
         wall = world_of(daemon).loop.wall()
@@ -96,7 +96,7 @@ def test_tshark_reads_a_saved_trace_of_both_link_types_without_a_malformed_packe
 
 def test_only_the_last_seconds_are_saved_on_request(tmp_path: Path) -> None:
     with recorded(tmp_path) as (_, plc, reader):
-        play(plc, 10 * SECOND)
+        pass_time(plc, 10 * SECOND)
         newest = reader.cycles(at_most=1)[0].time_ns
         whole = save(reader, tmp_path / "a.pcapng")
         part = save(reader, tmp_path / "b.pcapng", newest - SECOND // 10)
@@ -136,26 +136,26 @@ def choice(directory: Path, *triggers: Trigger, files: int = 20) -> Choice:
 def happen(daemon: Daemon, plc: Plc, keeper: Keeper) -> None:
     """A fault, and time enough for what comes after it."""
     daemon.axes[0].raise_fault(127, "made up", plc.loop.now())
-    play(plc, 2 * SECOND)
+    pass_time(plc, 2 * SECOND)
     keeper.poll()
 
 
 def test_a_fault_keeps_the_seconds_before_and_after_it(tmp_path: Path) -> None:
     with recorded(tmp_path) as (daemon, plc, reader):
         keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT))
-        play(plc, 3 * SECOND)
+        pass_time(plc, 3 * SECOND)
         keeper.poll()
         assert keeper.kept == []
         drive_of(daemon).inject(7)
-        play(plc, SECOND // 2)
+        pass_time(plc, SECOND // 2)
         keeper.poll()
         assert keeper.kept == []  # what comes after belongs to it
-        play(plc, SECOND)
+        pass_time(plc, SECOND)
         keeper.poll()
         (file,) = keeper.kept
         assert file.name.startswith("test-2023")
         assert file.name.endswith("-fault-axis-1.pcapng")
-        play(plc, 2 * SECOND)
+        pass_time(plc, 2 * SECOND)
         keeper.poll()
         assert len(keeper.kept) == 1  # one fault, one file
     assert configuration_in(file)
@@ -178,10 +178,10 @@ def test_only_stops_without_a_plc_command_are_kept(
 ) -> None:
     with recorded(tmp_path) as (_, plc, reader):
         keeper = Keeper(reader, choice(tmp_path, Trigger.STOP))
-        play(plc, SECOND // 10)
+        pass_time(plc, SECOND // 10)
         happens(plc)
         plc.loop.run_for(SECOND // 100)
-        play(plc, 2 * SECOND)
+        pass_time(plc, 2 * SECOND)
         keeper.poll()
         assert [file.name.endswith("-stop-axis-1.pcapng") for file in keeper.kept] == ([True] if kept else [])
 
@@ -189,7 +189,7 @@ def test_only_stops_without_a_plc_command_are_kept(
 def test_a_gateway_killed_right_after_a_stop_has_a_file_of_each(tmp_path: Path) -> None:
     with recorded(tmp_path) as (_, plc, reader):
         keeper = Keeper(reader, choice(tmp_path, Trigger.STOP))
-        play(plc, SECOND // 10)
+        pass_time(plc, SECOND // 10)
         plc.silent = True
         plc.loop.run_for(SECOND // 2)
         keeper.poll()
@@ -201,7 +201,7 @@ def test_a_gateway_killed_right_after_a_stop_has_a_file_of_each(tmp_path: Path) 
 def test_oldest_files_are_deleted(tmp_path: Path) -> None:
     with recorded(tmp_path) as (daemon, plc, reader):
         keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT, files=2))
-        play(plc, SECOND // 10)
+        pass_time(plc, SECOND // 10)
         keeper.poll()
         for _ in range(4):
             happen(daemon, plc, keeper)
@@ -214,7 +214,7 @@ def test_failed_file_is_removed_and_keeping_continues(
 ) -> None:
     with recorded(tmp_path) as (daemon, plc, reader):
         keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT))
-        play(plc, SECOND // 10)
+        pass_time(plc, SECOND // 10)
         keeper.poll()
         for error in (OSError("no space left"), KeyError("a mistake")):
 
@@ -243,9 +243,9 @@ def test_a_keeper_follows_the_gateway_that_replaces_another(tmp_path: Path) -> N
 
     def fault() -> None:
         daemon, plc = daemons[-1]
-        play(plc, SECOND)
+        pass_time(plc, SECOND)
         daemon.axes[0].raise_fault(127, "made up", plc.loop.now())
-        play(plc, 3 * SECOND)
+        pass_time(plc, 3 * SECOND)
 
     actions = {1: fault, 3: gateways.close, 5: begin, 7: fault, 9: gateways.close}
 

@@ -111,7 +111,7 @@ class Terminal:
     folder: Path
     running: list[Background] = field(default_factory=list)
 
-    def play(self, document: str) -> int:
+    def run_document(self, document: str) -> int:
         """All steps; returns how many commands there were. Raises AssertionError at the first that differs."""
         count = 0
         try:
@@ -157,6 +157,6 @@ if __name__ == "__main__":
     target = Path(sys.argv[1])
     os.environ["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     try:
-        print(f"{Terminal(Path(sys.argv[2])).play(target.read_text())} commands")
+        print(f"{Terminal(Path(sys.argv[2])).run_document(target.read_text())} commands")
     except AssertionError as difference:
         raise SystemExit(f"{target.name}: {difference}") from None

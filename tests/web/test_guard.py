@@ -72,7 +72,7 @@ def test_foreign_host_name_is_rejected_against_dns_rebinding(host: str) -> None:
     assert Asked().status(host=host) == 421
 
 
-def test_an_address_of_the_plant_is_no_loopback_name() -> None:
+def test_an_address_of_the_plant_is_not_a_loopback_name() -> None:
     asked = Asked(TOKEN, listen="10.0.0.5:8420", token_file="t")
     assert asked.status("/", host="10.0.0.5:8420") == 200
     assert asked.status("/", host="localhost:8420") == 421

@@ -110,18 +110,18 @@ def test_a_fault_is_active_until_it_is_acknowledged() -> None:
         watch = Watch(daemon.config, gateway)
         expose = exposition(watch)
 
-        def told() -> str:
+        def exposed() -> str:
             gateway.show(daemon)
             look(watch)
             return expose().decode()
 
         drive_of(daemon).inject(7)
         plc.until(lambda: daemon.axes[0].reason is Reason.DRIVE_FAULT and daemon.axes[0].faults, "the fault")
-        assert value(told(), "pdgw_fault_active", do="1", number="7") == 1
+        assert value(exposed(), "pdgw_fault_active", do="1", number="7") == 1
         drive_of(daemon).clear()
         plc.endpoint.set(0, {"STW1": 0x04FE})
         plc.until(lambda: daemon.axes[0].reason is not Reason.DRIVE_FAULT, "acknowledged")
-        text = told()
+        text = exposed()
     assert value(text, "pdgw_fault_active", do="1", number="7") is None
     assert value(text, "pdgw_faults_total", do="1", number="7") == 1
 

@@ -30,7 +30,7 @@ from tests.support.page import TOKEN, Page, ShownGateway, page
 REQUEST = b"GET /static/app.js HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
-class Doors(Places):
+class RecordedPlaces(Places):
     """Remembers which connections were ended."""
 
     def __init__(self) -> None:
@@ -42,54 +42,54 @@ class Doors(Places):
 
 
 def test_the_oldest_connection_of_a_sender_ends_when_it_opens_too_many() -> None:
-    doors = Doors()
-    doors.open("10.0.0.9", 1)
-    assert all(doors.open("10.0.0.1", port) for port in range(UNKNOWN_OF_SENDER_MAX + 2))
-    assert doors.ended == [("10.0.0.1", 0), ("10.0.0.1", 1)]
+    recorded = RecordedPlaces()
+    recorded.open("10.0.0.9", 1)
+    assert all(recorded.open("10.0.0.1", port) for port in range(UNKNOWN_OF_SENDER_MAX + 2))
+    assert recorded.ended == [("10.0.0.1", 0), ("10.0.0.1", 1)]
 
 
 def test_the_oldest_unknown_connection_ends_when_all_their_places_are_taken() -> None:
-    doors = Doors()
-    assert all(doors.open(f"10.0.0.{number}", 1) for number in range(UNKNOWN_MAX + 1))
-    assert doors.ended == [("10.0.0.0", 1)]
+    recorded = RecordedPlaces()
+    assert all(recorded.open(f"10.0.0.{number}", 1) for number in range(UNKNOWN_MAX + 1))
+    assert recorded.ended == [("10.0.0.0", 1)]
 
 
 def test_a_known_connection_never_ends_for_another_one() -> None:
-    doors = Doors()
-    doors.open("10.0.0.1", 0)
-    doors.keep(("10.0.0.1", 0))
-    assert doors.keeps(("10.0.0.1", 0))
+    recorded = RecordedPlaces()
+    recorded.open("10.0.0.1", 0)
+    recorded.keep(("10.0.0.1", 0))
+    assert recorded.keeps(("10.0.0.1", 0))
     for port in range(1, 3 * CONNECTIONS_MAX):
-        assert doors.open("10.0.0.1", port)
-        assert doors.open(f"10.0.1.{port}", 1)
-    assert ("10.0.0.1", 0) not in doors.ended
+        assert recorded.open("10.0.0.1", port)
+        assert recorded.open(f"10.0.1.{port}", 1)
+    assert ("10.0.0.1", 0) not in recorded.ended
 
 
 def test_a_newcomer_is_refused_only_when_known_connections_have_all_places() -> None:
-    doors = Doors()
+    recorded = RecordedPlaces()
     for number in range(CONNECTIONS_MAX):
-        assert doors.open("10.0.0.1", number)
-        doors.keep(("10.0.0.1", number))
-    assert not doors.open("10.0.0.2", 1)
-    doors.leave(("10.0.0.1", 0))
-    assert not doors.keeps(("10.0.0.1", 0))
-    assert doors.open("10.0.0.2", 1)
-    assert doors.open("10.0.0.3", 1), "takes the place of the one before"
-    assert doors.ended == [("10.0.0.2", 1)]
+        assert recorded.open("10.0.0.1", number)
+        recorded.keep(("10.0.0.1", number))
+    assert not recorded.open("10.0.0.2", 1)
+    recorded.leave(("10.0.0.1", 0))
+    assert not recorded.keeps(("10.0.0.1", 0))
+    assert recorded.open("10.0.0.2", 1)
+    assert recorded.open("10.0.0.3", 1), "takes the place of the one before"
+    assert recorded.ended == [("10.0.0.2", 1)]
 
 
 def test_a_connection_that_ended_is_not_known_afterwards() -> None:
-    doors = Doors()
-    doors.keep(("10.0.0.1", 1))
-    assert not doors.keeps(("10.0.0.1", 1))
+    recorded = RecordedPlaces()
+    recorded.keep(("10.0.0.1", 1))
+    assert not recorded.keeps(("10.0.0.1", 1))
 
 
 @pytest.mark.parametrize("hosts", ["2001:db8::{:x}", "::ffff:10.0.0.1", "fe80::{:x}%eth0"])
 def test_addresses_of_one_ipv6_network_are_one_sender(hosts: str) -> None:
-    doors = Doors()
+    recorded = RecordedPlaces()
     for number in range(1, UNKNOWN_OF_SENDER_MAX + 2):
-        doors.open(hosts.format(number), number)
-    assert len(doors.ended) == 1
+        recorded.open(hosts.format(number), number)
+    assert len(recorded.ended) == 1
 
 
 # -- one connection, in virtual time ---------------------------------------------------------------------------------------
@@ -199,7 +199,7 @@ def test_a_connection_whose_answer_is_awaited_stays(connection: Connection) -> N
     assert not connection.transport.closing
 
 
-def test_an_answer_that_nobody_reads_ends_the_connection(connection: Connection) -> None:
+def test_an_answer_that_is_not_read_ends_the_connection(connection: Connection) -> None:
     connection.receive(REQUEST)
     connection.protocol.pause_writing()
     connection.clock.advance(READ_WITHIN_S)
@@ -216,7 +216,7 @@ def test_slowly_read_answer_continues(connection: Connection) -> None:
     assert not connection.transport.closing
 
 
-def test_the_rest_of_an_answer_that_nobody_reads_ends_the_connection(connection: Connection) -> None:
+def test_the_rest_of_an_answer_that_is_not_read_ends_the_connection(connection: Connection) -> None:
     """Below the transport's high-water mark nothing pauses, and close() waits for the reader."""
     connection.receive(REQUEST)
     connection.answer()
@@ -309,7 +309,7 @@ def test_large_answers_are_made_only_while_there_is_room() -> None:
     size = 5 * PART
     made: list[int] = []
 
-    async def play() -> list[int]:
+    async def run_clients() -> list[int]:
         answers = LargeAnswers()
         unread = asyncio.Event()
         statuses: list[int] = []
@@ -338,4 +338,4 @@ def test_large_answers_are_made_only_while_there_is_room() -> None:
         await asyncio.gather(*tasks)
         return [held, len(statuses)]
 
-    assert asyncio.run(play()) == [AT_ONCE, 20]
+    assert asyncio.run(run_clients()) == [AT_ONCE, 20]

@@ -59,7 +59,7 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
 def test_failed_accept_is_retried_once_a_second() -> None:
     """asyncio tries to accept ``backlog`` connections at once, and repeats each failed try later."""
 
-    async def play() -> tuple[int, int]:
+    async def run_clients() -> tuple[int, int]:
         with Port() as port, socket.socket() as visitor:
             server = made_server(application, cast(Streams, SimpleNamespace(close=list)), Places(), WebConfig())
             server.lifespan = server.config.lifespan_class(server.config)
@@ -71,7 +71,7 @@ def test_failed_accept_is_retried_once_a_second() -> None:
             await server.shutdown(sockets=[port])
             return tries, room
 
-    assert asyncio.run(play()) == (1, CONNECTIONS_MAX), "who waits to be taken has his place all the same"
+    assert asyncio.run(run_clients()) == (1, CONNECTIONS_MAX), "who waits to be taken has his place all the same"
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_unusable_answer_marks_data_old_and_polling_continues(error: Exception) 
     async def took(before: Document | None, document: Document) -> None:
         """Nothing to note."""
 
-    async def play() -> None:
+    async def run_clients() -> None:
         feed = Feed(ask, took)
         feed.watched_s = feed.unwatched_s = 0.0
         feed.listeners.append(lambda: seen.append(((feed.document or {})["n"], feed.stale)))
@@ -99,7 +99,7 @@ def test_unusable_answer_marks_data_old_and_polling_continues(error: Exception) 
             await feed.next_tick(60.0)
         asking.cancel()
 
-    asyncio.run(play())
+    asyncio.run(run_clients())
     assert seen[:3] == [(1, False), (1, True), (3, False)]
 
 
@@ -115,13 +115,13 @@ def test_failing_listener_is_logged_and_blocks_no_other(caplog: pytest.LogCaptur
     def broken() -> None:
         raise ValueError("a mistake")
 
-    async def play() -> None:
+    async def run_clients() -> None:
         feed = Feed(ask, took)
         feed.listeners += [broken, lambda: told.append(feed.ticks)]
         await feed.once()
         await feed.once()
 
-    asyncio.run(play())
+    asyncio.run(run_clients())
     assert told == [1, 2]
     assert "ValueError: a mistake" in caplog.text
 

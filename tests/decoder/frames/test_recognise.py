@@ -138,7 +138,7 @@ def test_hex_is_read_in_every_common_notation(data: bytes, separator: str) -> No
     ("text", "message"),
     [("04zz", "hex at offset 2: 'z'"), ("047", "hex digits: 3"), ("", "hex digits: 0"), ("0x", "hex digits: 0")],
 )
-def test_bad_hex_is_told_with_its_offset(text: str, message: str) -> None:
+def test_bad_hex_is_rejected_with_its_offset(text: str, message: str) -> None:
     with pytest.raises(ProfidriveError, match=message):
         parse_hex(text)
 

@@ -233,7 +233,7 @@ def recorded_on_profinet(tmp_path_factory: pytest.TempPathFactory) -> Path:
         site.run(300 * MS)
         site.enable(1, 0x0800)
         site.run(100 * MS)
-        profinet_daemon.parameterise_anew(site)
+        profinet_daemon.parameterise_again(site)
         site.run(300 * MS)
     return folder
 

@@ -208,7 +208,7 @@ def test_short_disable_operation_is_kept_until_the_drive_confirms_it() -> None:
     assert control.reason is Reason.NEEDS_OFF
 
 
-def test_late_confirmation_of_a_short_disable_operation_is_no_fault() -> None:
+def test_late_confirmation_of_a_short_disable_operation_is_not_a_fault() -> None:
     control = power(State.OPERATION_ENABLED, after_off=True)
     step(control, 0x477, State.OPERATION_ENABLED, 1 * MS)
     step(control, ON, State.OPERATION_ENABLED, 5 * MS)
@@ -306,7 +306,7 @@ def test_raw_disable_operation_does_not_lock() -> None:
 
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
-def test_acknowledge_set_before_an_outage_of_references_is_no_edge(number: int) -> None:
+def test_acknowledge_set_before_an_outage_of_references_is_not_an_edge(number: int) -> None:
     stepper = Stepper(number)
     feedback = DriveFeedback()
     feedback.statusword = STATUS_OF[State.FAULT]

@@ -235,7 +235,7 @@ def test_anchor_of_a_modulo_axis_that_the_drive_drops_is_not_followed_by_the_tas
     assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
 
 
-def test_bit_12_of_another_mode_is_no_acknowledge() -> None:
+def test_bit_12_of_another_mode_is_not_an_acknowledge() -> None:
     hand = positioner().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=10_000)
     hand.mode = Mode.HOMING

@@ -128,7 +128,7 @@ def test_pending_task_is_stopped_with_bit_4_at_0(word: int) -> None:
     assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
 
 
-def test_bit_12_of_another_mode_is_no_acknowledge_of_a_task() -> None:
+def test_bit_12_of_another_mode_is_not_an_acknowledge_of_a_task() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand.mode = Mode.HOMING

@@ -96,7 +96,7 @@ def test_drive_that_keeps_its_task_while_off_is_stopped(name: str, stop: State |
     [(0, Reason.NOT_REACHED), (FOLLOWING, Reason.FOLLOWING_ERROR), (SW_REACHED, Reason.STANDS_AWAY)],
 )
 @pytest.mark.parametrize("name", MAKES)
-def test_axis_that_stands_on_its_way_names_the_missing_bit(name: str, bits: int, reason: Reason) -> None:
+def test_axis_stopped_before_its_target_names_the_missing_bit(name: str, bits: int, reason: Reason) -> None:
     hand = running(name)
     hand.feedback.velocity_actual, hand.feedback.position_actual = 0, 1000
     for _ in range(STALLED - 5):
@@ -261,7 +261,7 @@ def test_drive_that_ignores_halt_gets_quick_stop(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MAKES)
-def test_slow_ramp_after_halt_is_no_fault(name: str) -> None:
+def test_slow_ramp_after_halt_is_not_a_fault(name: str) -> None:
     """The deceleration is the PLC's choice: 1/3000 of the speed in each cycle, after a jerk limit that lets it rise."""
     hand = running(name, stop_time_ns=500_000_000)
     noise = Random(1)

@@ -29,7 +29,7 @@ from pdgw.gateway.axis.power_table import (
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
 
-OBEYS = {Phase.FOLLOW, Phase.PASS}
+FOLLOWS = {Phase.FOLLOW, Phase.PASS}
 POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}
 """Actions that may put the power stage on."""
 NOT_ASKED = set(PowerWish) - {PowerWish.ON, PowerWish.ENABLE, PowerWish.RESUME}
@@ -54,14 +54,14 @@ def test_every_row_of_the_power_table_applies_to_some_state() -> None:
 
 def test_only_an_off_leads_to_a_phase_that_accepts_commands() -> None:
     for phase, drive, wish in EVERYTHING:
-        if phase not in OBEYS and cell(phase, drive, wish).phase in OBEYS:
+        if phase not in FOLLOWS and cell(phase, drive, wish).phase in FOLLOWS:
             resumes = phase is Phase.RAMP_STOP and wish is PowerWish.RESUME and drive in IN_OPERATION
             assert resumes or (wish in OFFS and drive in UNPOWERED), (phase, drive, wish)
 
 
 def test_power_is_switched_on_only_in_a_phase_that_accepts_commands() -> None:
     for name, item in walk():
-        assert item.action not in POWERS or item.phase in OBEYS, name
+        assert item.action not in POWERS or item.phase in FOLLOWS, name
 
 
 def test_off_never_switches_power_on() -> None:
@@ -87,7 +87,7 @@ def test_ramp_is_commanded_only_after_enable_operation() -> None:
 
 
 def test_off_of_an_unpowered_drive_counts_in_every_locked_phase() -> None:
-    stopped = set(Phase) - OBEYS
+    stopped = set(Phase) - FOLLOWS
     for name, item in walk(wishes={PowerWish.OFF, PowerWish.OFF_DISABLED}, drives=UNPOWERED, phases=stopped):
         assert (item.phase, item.action) == (Phase.FOLLOW, Action.SHUTDOWN), name
     for name, item in walk(wishes={PowerWish.RAW_OFF}, drives=UNPOWERED, phases=stopped):
@@ -159,7 +159,7 @@ def test_without_control_by_plc_nothing_starts_and_no_lock_ends(wish: PowerWish)
     for name, item in walk(
         wishes={wish}, drives=set(UNPOWERED) | {Drive.LOST, Drive.FAULT}, phases=set(Phase) - {Phase.PASS}
     ):
-        assert item.phase not in OBEYS, name
+        assert item.phase not in FOLLOWS, name
         assert item.action in STOPS, name
     item = cell(Phase.FOLLOW, Drive.OPERATING, wish)
     stays = (Phase.FOLLOW, Action.ENABLE_OPERATION)
@@ -168,15 +168,15 @@ def test_without_control_by_plc_nothing_starts_and_no_lock_ends(wish: PowerWish)
 
 def test_a_drive_that_may_be_in_operation_brakes_without_the_plc_or_its_control() -> None:
     asked = {PowerWish.STOP, PowerWish.HOLD, PowerWish.NO_PLC_RAMP, PowerWish.NO_PLC_QUICK_STOP}
-    for name, item in walk(phases=OBEYS, drives={Drive.ENTERING}, wishes=asked):
+    for name, item in walk(phases=FOLLOWS, drives={Drive.ENTERING}, wishes=asked):
         assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
 
 
-@pytest.mark.parametrize("phase", list(OBEYS))
+@pytest.mark.parametrize("phase", list(FOLLOWS))
 @pytest.mark.parametrize("wish", [PowerWish.COAST, PowerWish.QUICK_STOP])
 def test_off2_and_off3_lock_in_every_state_of_the_drive(phase: Phase, wish: PowerWish) -> None:
     for name, item in walk(phases={phase}, wishes={wish}):
-        assert item.phase not in OBEYS, name
+        assert item.phase not in FOLLOWS, name
         assert item.action in STOPS, name
 
 
@@ -215,11 +215,11 @@ def test_off3_in_operation_is_a_quick_stop_from_every_phase(phase: Phase) -> Non
 
 def test_plc_loss_always_stops_and_no_command_counts() -> None:
     for name, item in walk(wishes=NO_PLC):
-        assert item.phase not in OBEYS, name
+        assert item.phase not in FOLLOWS, name
         assert item.action in STOPS | {Action.RAMP, Action.RAMP_END}, name
 
 
-@pytest.mark.parametrize("phase", list(OBEYS))
+@pytest.mark.parametrize("phase", list(FOLLOWS))
 def test_plc_loss_in_operation_causes_the_configured_reaction(phase: Phase) -> None:
     answers = {
         PowerWish.NO_PLC_RAMP: (Phase.RAMP_STOP, Action.RAMP),
@@ -288,7 +288,7 @@ def test_off_is_accepted_after_the_drive_left_operation_by_itself() -> None:
 
 
 def test_a_drive_that_left_operation_by_itself_needs_an_off() -> None:
-    for phase in OBEYS:
+    for phase in FOLLOWS:
         for name, item in walk(phases={phase}, drives={Drive.FELL_BACK}, wishes=(*ENABLES, PowerWish.ON)):
             assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
     for name, item in walk(phases={Phase.FOLLOW}, drives={Drive.FELL_OFF}, wishes=(*ENABLES, PowerWish.ON)):
@@ -316,7 +316,7 @@ def test_without_an_off_no_sequence_of_events_leads_back_to_operation() -> None:
         if further == reached:
             break
         reached = further
-    assert not reached & OBEYS
+    assert not reached & FOLLOWS
 
 
 # -- the interlock runs the table --------------------------------------------------------------------------------------

@@ -112,12 +112,12 @@ class GatewayMachine(RuleBasedStateMachine):
         self.plc = False
         for _ in range(400):
             self.cycle()
-            if self.stands():
+            if self.at_standstill():
                 break
         self.cycle(20)
-        assert self.stands()
+        assert self.at_standstill()
 
-    def stands(self) -> bool:
+    def at_standstill(self) -> bool:
         assert self.rig is not None
         return abs(self.rig.node.model.velocity_actual) <= 60 and self.rig.state not in POWERED
 
@@ -134,7 +134,7 @@ class GatewayMachine(RuleBasedStateMachine):
         self.off_seen = self.on_edge = False
 
     @rule()
-    def fault_cause_goes_away(self) -> None:
+    def fault_cause_ends(self) -> None:
         assert self.rig is not None
         self.rig.node.model.clear()
 
@@ -163,7 +163,7 @@ class GatewayMachine(RuleBasedStateMachine):
         """Acknowledging a fault under a standing ON starts nothing."""
         assert self.rig is not None
         self.drive_faults(7)
-        self.fault_cause_goes_away()
+        self.fault_cause_ends()
         self.cycle(50)
         self.rig.values["STW1"] |= 0x80
         self.cycle(4)

@@ -301,7 +301,7 @@ def test_an_edge_during_an_intermediate_stop_replaces_the_kept_task() -> None:
     assert position(rig) == 10_000
 
 
-def test_a_relative_task_that_replaces_a_kept_one_starts_where_the_axis_stands() -> None:
+def test_a_relative_task_that_replaces_a_kept_one_starts_at_the_actual_position() -> None:
     rig = axis()
     move(rig, 300_000)
     rig.step(40)

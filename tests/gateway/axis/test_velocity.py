@@ -253,7 +253,7 @@ def test_a_standing_on_does_not_start_after_a_fault_is_acknowledged() -> None:
     bench.operate()
 
 
-def test_a_standing_acknowledge_of_a_new_connection_is_no_edge() -> None:
+def test_an_acknowledge_set_at_a_new_connection_is_not_an_edge() -> None:
     bench = Bench()
     bench.drive.fault()
     bench.step(OFF | 0x80, cycles=5)
@@ -263,7 +263,7 @@ def test_a_standing_acknowledge_of_a_new_connection_is_no_edge() -> None:
     assert bench.drive.state is not State.FAULT
 
 
-def test_acknowledge_set_at_reconnect_is_no_edge() -> None:
+def test_acknowledge_set_at_reconnect_is_not_an_edge() -> None:
     bench = Bench()
     bench.drive.fault()
     bench.step(OFF, cycles=2)

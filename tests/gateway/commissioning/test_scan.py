@@ -116,7 +116,7 @@ def test_what_a_shape_lacks_is_what_the_axis_machine_refuses(site: Site, name: s
         ("unguarded", "is nothing; pdgw run rejects it; set allow_unguarded = true"),
     ],
 )
-def test_what_would_stop_a_drive_when_the_gateway_dies_is_told(site: Site, name: str, told: str) -> None:
+def test_scan_reports_what_stops_a_drive_when_the_gateway_dies(site: Site, name: str, told: str) -> None:
     site.world.drive(BUS, 7, shape=SHAPES[name])
     (note,) = site.scan()[7].notes
     assert note.startswith(f"if the gateway dies, this device is stopped by {told.removeprefix('is ')}")

@@ -191,7 +191,7 @@ can = "left"
         ("[can]", "can = 7\n[cam]", ["can"]),
     ],
 )
-def test_bad_input_is_told_with_place_value_and_what_is_allowed(old: str, new: str, parts: list[str]) -> None:
+def test_bad_input_is_rejected_with_place_value_and_what_is_allowed(old: str, new: str, parts: list[str]) -> None:
     assert old in BASE
     with pytest.raises(GatewayError) as error:
         parse_config(BASE.replace(old, new, 1), "x.toml")
@@ -291,7 +291,7 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
         (BASE.split("[[axis]]", maxsplit=1)[0], "x.toml: [[axis]] or [[encoder]]: at least one is needed"),
     ],
 )
-def test_what_does_not_fit_together_is_told_where_it_stands(text: str, line: str) -> None:
+def test_keys_that_contradict_are_rejected_with_their_place(text: str, line: str) -> None:
     with pytest.raises(GatewayError) as error:
         parse_config(text, "x.toml")
     assert str(error.value).startswith(line), str(error.value)
@@ -305,7 +305,7 @@ def test_p922_offers_no_dsc_where_g1_is_an_encoder() -> None:
     assert set(together) <= set(alone)
 
 
-def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_accepted(tmp_path: Path) -> None:
     path = tmp_path / "c.toml"
     path.write_bytes(b"\xef\xbb\xbf" + BASE.encode())
     assert load_config(path).axis[0].do_id == 1
@@ -314,13 +314,13 @@ def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
         load_config(path)
 
 
-def test_a_table_that_stands_twice_is_told_how_several_are_written() -> None:
+def test_a_table_that_occurs_twice_is_rejected_with_the_right_syntax() -> None:
     text = BASE.replace("[[axis]]", "[axis]")
     with pytest.raises(GatewayError, match=r"twice.*; write \[\[axis\]\] before each"):
         parse_config(text + text.split("[axis]")[1].join(("[axis]", "")))
 
 
-def test_the_range_of_a_key_is_told() -> None:
+def test_the_error_names_the_range_of_a_key() -> None:
     for old, new, told in (
         ("node_id = 3", "node_id = 0", "node_id = 0: allowed: 1 to 126"),
         ("node_id = 3", 'node_id = "x"', "node_id = 'x': expected an integer, allowed: 1 to 126"),
@@ -495,7 +495,7 @@ def test_simulated_encoders_sit_on_the_shafts_of_the_axes() -> None:
         (([100] * 32, 32, 84), "1440"),
     ],
 )
-def test_what_cannot_be_simulated_is_told_in_one_line(arguments: tuple[Any, ...], message: str) -> None:
+def test_what_cannot_be_simulated_is_rejected_in_one_line(arguments: tuple[Any, ...], message: str) -> None:
     with pytest.raises(GatewayError) as caught:
         simulated(*arguments)
     assert message in str(caught.value)

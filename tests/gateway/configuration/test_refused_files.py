@@ -84,7 +84,7 @@ def test_yaml_bombs(tmp_path: Path, text: str, message: str) -> None:
         ),
     ],
 )
-def test_all_missing_keys_are_told_at_once(number: int, keys: tuple[str, ...]) -> None:
+def test_all_missing_keys_are_reported_at_once(number: int, keys: tuple[str, ...]) -> None:
     drive = replace(described("rpm"), scaling=find_scaling({}))
     text = lacks(drive, number)
     assert missing_lines(drive, number) == tuple(KEY_LINES[key] for key in keys)
@@ -98,7 +98,7 @@ def test_lines_to_paste_are_refused_until_they_are_filled_in() -> None:
             parse_config(f'[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n{line}\n')
 
 
-def test_with_the_keys_that_were_told_nothing_is_missing() -> None:
+def test_with_the_reported_keys_nothing_is_missing() -> None:
     keys = UnitKeys(
         rated_speed_rpm=Fraction(3000),
         velocity_unit="rpm",
@@ -237,7 +237,7 @@ def test_all_keys_reach_the_axis() -> None:
         ("position_window", "position_windov", ["position_windov", "did you mean position_window"]),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(old: str, new: str, parts: list[str]) -> None:
+def test_what_is_wrong_is_reported_with_its_place(old: str, new: str, parts: list[str]) -> None:
     assert old in BASE
     with pytest.raises(GatewayError) as error:
         parse_config(BASE.replace(old, new, 1), "x.toml")

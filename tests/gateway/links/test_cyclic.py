@@ -180,7 +180,7 @@ def test_without_time_stamps_a_frame_may_have_come_in_time_while_the_gateway_was
 
 
 @pytest.mark.parametrize("stamped", [False, True])
-def test_a_gateway_that_stood_still_believes_nothing_that_waited(stamped: bool) -> None:
+def test_a_gateway_that_was_paused_ignores_frames_that_waited(stamped: bool) -> None:
     """The queue has all frames of a PLC that stopped, was switched on again and ended."""
     endpoint = device()
     connect(endpoint)
@@ -227,7 +227,7 @@ def test_the_answer_carries_values_status_and_a_running_counter() -> None:
     assert second.c_sdu[4] == rt.IOPS_BAD
 
 
-def test_an_endpoint_with_another_telegram_goes_on_counting() -> None:
+def test_an_endpoint_with_another_telegram_continues_to_count() -> None:
     """A restarted cycle counter would look like old frames to the PLC."""
     first, second = device(1), device(2)
     connect(first)

@@ -166,7 +166,7 @@ def connected() -> Scene:
     return scene
 
 
-def test_one_datagram_can_be_taken_without_a_look_at_what_is_behind_it() -> None:
+def test_one_datagram_can_be_read_without_reading_the_next() -> None:
     scene = connected()
     scene.frame(1)
     scene.frame(2)
@@ -175,7 +175,7 @@ def test_one_datagram_can_be_taken_without_a_look_at_what_is_behind_it() -> None
     assert (scene.speed, scene.port.looks - before, len(scene.port.waiting)) == (1, 1, 1)
 
 
-def test_frames_behind_a_punctual_one_are_left_for_the_next_turn() -> None:
+def test_frames_after_a_punctual_one_are_left_for_the_next_turn() -> None:
     scene = connected()
     now = 0
     seen = []
@@ -231,7 +231,7 @@ def test_a_flood_of_rubbish_does_not_keep_the_plc_waiting() -> None:
     assert scene.speed == 7
 
 
-def test_strangers_are_kept_out_once_for_each_connection() -> None:
+def test_unknown_senders_are_logged_once_for_each_connection() -> None:
     scene = connected()
     for number in (1, 2):
         scene.frame(number)
@@ -244,7 +244,7 @@ def test_strangers_are_kept_out_once_for_each_connection() -> None:
     assert scene.port.filters == [PLC, None, PLC]
 
 
-def test_what_waited_before_the_start_connects_nobody() -> None:
+def test_frames_that_waited_before_the_start_make_no_connection() -> None:
     scene = Scene()
     for speed in range(8):
         scene.frame(speed)

@@ -86,7 +86,7 @@ def test_a_setpoint_is_held_no_longer_than_the_loop_with_the_highest_gain_is_sta
 
 
 @pytest.mark.parametrize("settings", [SPEED, POSITION])
-def test_dsc_that_starts_far_from_the_axis_stands_until_it_is_near(settings: DscSettings) -> None:
+def test_dsc_that_starts_far_from_the_axis_waits_until_it_is_near(settings: DscSettings) -> None:
     dsc = Dsc(settings)
     result = dsc.step(1 << 28, 5000, 50_000, 0)
     assert (result.velocity, result.position, result.reason) == (0, None, Reason.DSC_FAR_FROM_AXIS)

@@ -49,7 +49,7 @@ def test_an_absolute_task_is_acknowledged_moves_and_is_reached() -> None:
     while not rig.result.acknowledged:
         rig.step()
         assert not rig.result.reached, "the old one's reached is never that of the new task"
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.reached, rig.result.acknowledged) == (8000, True, True)
     assert (rig.result.state, rig.result.shown) == (State.IDLE, State.MDI)
     rig.step(activate=False)
@@ -60,7 +60,7 @@ def test_a_task_of_the_same_target_is_acknowledged_and_reached_too() -> None:
     rig = PositionerRig()
     for _ in range(2):
         move(rig, target=0, **ABSOLUTE)
-        rig.settle()
+        rig.run_out()
         assert rig.result.acknowledged
         assert rig.result.reached
 
@@ -72,7 +72,7 @@ def test_a_relative_task_goes_its_distance_once_over_stops_and_overrides() -> No
         rig.step(1, **changes)
         rig.step(20)
     rig.step(no_intermediate_stop=True)
-    rig.settle()
+    rig.run_out()
     assert rig.position == 8000
     assert len([motion for motion in rig.starts if motion.goal.distance is not None]) == 1
 
@@ -82,7 +82,7 @@ def test_a_second_edge_replaces_the_task_with_its_own_data() -> None:
     move(rig, target=8000, **ABSOLUTE)
     rig.step(30)
     move(rig, target=-500, **ABSOLUTE)
-    rig.settle()
+    rig.run_out()
     assert rig.position == -500
     assert [motion.goal.target for motion in rig.starts] == [8000, -500]
 
@@ -91,7 +91,7 @@ def test_an_edge_in_the_frame_that_ends_the_reject_starts() -> None:
     rig = PositionerRig()
     rig.step(5, do_not_reject=False, no_intermediate_stop=False)
     rig.step(do_not_reject=True, no_intermediate_stop=True, activate=True, target=700, **ABSOLUTE)
-    rig.settle()
+    rig.run_out()
     assert rig.position == 700
 
 
@@ -104,11 +104,11 @@ def test_a_task_that_came_while_the_axis_brakes_starts_at_standstill() -> None:
     assert rig.result.state is State.BRAKING
     rig.step(activate=True, target=100)
     assert rig.result.state is State.BRAKING
-    rig.settle()
+    rig.run_out()
     assert rig.position == 100
 
 
-def test_a_reject_takes_back_a_task_that_waits_for_standstill() -> None:
+def test_a_reject_removes_a_task_that_waits_for_standstill() -> None:
     rig = PositionerRig()
     move(rig, target=20_000, **ABSOLUTE)
     rig.step(60)
@@ -117,7 +117,7 @@ def test_a_reject_takes_back_a_task_that_waits_for_standstill() -> None:
     rig.step(activate=True, target=100)
     rig.step(do_not_reject=False)
     rig.step(do_not_reject=True)
-    rig.settle()
+    rig.run_out()
     assert len(rig.starts) == 1
 
 
@@ -126,7 +126,7 @@ def test_an_edge_while_stw1_5_is_0_and_nothing_is_kept_starts_nothing_later() ->
     rig.step(no_intermediate_stop=False)
     move(rig, target=700, **ABSOLUTE)
     rig.step(no_intermediate_stop=True)
-    rig.settle()
+    rig.run_out()
     assert rig.starts == []
 
 
@@ -138,11 +138,11 @@ def test_a_new_edge_during_an_intermediate_stop_replaces_the_kept_task() -> None
     rig.step(100)
     assert (rig.speed, rig.result.reason) == (0, Reason.INTERMEDIATE_STOP)
     rig.step(no_intermediate_stop=True)
-    rig.settle()
+    rig.run_out()
     assert rig.position == -300
 
 
-def test_override_scales_the_speed_and_0_stands_with_the_task_kept() -> None:
+def test_override_scales_the_speed_and_0_stops_with_the_task_kept() -> None:
     rig = PositionerRig()
     move(rig, target=40_000, **ABSOLUTE)
     rig.step(60)
@@ -152,7 +152,7 @@ def test_override_scales_the_speed_and_0_stands_with_the_task_kept() -> None:
     rig.step(60, override=0)
     assert (rig.speed, rig.result.reason, rig.result.reached) == (0, Reason.OVERRIDE_ZERO, False)
     rig.step(override=FULL)
-    rig.settle()
+    rig.run_out()
     assert rig.position == 40_000
 
 
@@ -177,7 +177,7 @@ def test_a_task_that_cannot_be_done_moves_nothing_and_says_why_until_the_reject(
         move(rig, target=30_000, **ABSOLUTE)
         rig.step(50)
     move(rig, **values)
-    rig.settle()
+    rig.run_out()
     assert (rig.result.warning, rig.result.reason, rig.result.acknowledged) == (reason, reason, False)
     assert len(rig.starts) == moving
     rig.step(do_not_reject=False)
@@ -189,14 +189,14 @@ def test_continuous_update_takes_changes_without_an_edge_also_at_standstill() ->
     move(rig, target=3000, continuous_update=True, **ABSOLUTE)
     rig.step(20, target=9000)
     assert rig.result.acknowledged
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.acknowledged, rig.result.reached) == (9000, True, True)
     rig.step(target=-1000)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.acknowledged) == (-1000, True)
     rig.step(3, activate=False)
     rig.step(target=5000)
-    rig.settle()
+    rig.run_out()
     assert rig.position == -1000, "a falling STW1.6 ends the update"
 
 
@@ -212,7 +212,7 @@ def test_continuous_update_of_a_relative_task_is_refused_and_changes_nothing() -
     move(rig, target=3000, continuous_update=True, **RELATIVE)
     rig.step(5, target=4000)
     assert rig.result.warning is Reason.UPDATE_RELATIVE
-    rig.settle()
+    rig.run_out()
     assert rig.position == 3000
 
 
@@ -221,14 +221,14 @@ def test_falling_stw1_6_stops_nothing() -> None:
     move(rig, target=3000, continuous_update=True, **ABSOLUTE)
     rig.step(5)
     rig.step(activate=False)
-    rig.settle()
+    rig.run_out()
     assert rig.position == 3000
 
 
 # -- setting up and jog ---------------------------------------------------------------------------------------------------
 
 
-def test_setting_up_goes_on_until_the_reject() -> None:
+def test_setting_up_runs_until_the_reject() -> None:
     rig = PositionerRig()
     move(rig, mdi=True, setting_up=True, negative=True, velocity=3000)
     rig.step(100)
@@ -238,7 +238,7 @@ def test_setting_up_goes_on_until_the_reject() -> None:
     rig.step(do_not_reject=False)
     assert rig.result.shown is State.IDLE
     assert not rig.result.reached
-    rig.settle()
+    rig.run_out()
     assert rig.result.reached
 
 
@@ -265,14 +265,14 @@ def test_a_block_does_not_replace_setting_up() -> None:
 
 
 @pytest.mark.parametrize(("bit", "sign"), [("jog_1", -1), ("jog_2", 1)])
-def test_jog_moves_while_its_bit_stands_whatever_the_override(bit: str, sign: int) -> None:
+def test_jog_moves_while_its_bit_is_set_whatever_the_override(bit: str, sign: int) -> None:
     rig = PositionerRig()
     rig.step(60, override=0, **{bit: True})
     assert rig.speed == sign * 200
     assert (rig.result.state, rig.result.reached) == (State.JOG, False)
     rig.step(**{bit: False})
     assert rig.result.state is State.BRAKING
-    rig.settle()
+    rig.run_out()
     assert rig.result.reached
 
 
@@ -308,11 +308,11 @@ def test_incremental_jog_goes_its_distance_once_for_each_edge(bit: str, distance
     assert [motion.goal.distance for motion in rig.starts] == [distance] * 2
 
 
-def test_incremental_jog_whose_bit_is_taken_back_ramps_down() -> None:
+def test_incremental_jog_whose_bit_is_removed_ramps_down() -> None:
     rig = PositionerRig()
     rig.step(10, jog_incremental=True, jog_2=True)
     rig.step(jog_2=False)
-    rig.settle()
+    rig.run_out()
     assert 0 < rig.position < 2000
 
 
@@ -322,7 +322,7 @@ def test_jog_and_tasks_do_not_replace_each_other() -> None:
     move(rig, target=100, **ABSOLUTE)
     assert (rig.result.state, rig.result.warning) == (State.JOG, Reason.FUNCTION_RUNS)
     rig.step(jog_2=False)
-    rig.settle()
+    rig.run_out()
     assert rig.position != 100, "the edge is not kept"
     move(rig, target=30_000, **ABSOLUTE)
     rig.step(20, jog_1=True)
@@ -336,10 +336,10 @@ def test_a_target_beyond_a_software_limit_is_the_limit() -> None:
     rig = PositionerRig()
     rig.home()
     move(rig, target=80_000, **ABSOLUTE)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.at_plus, rig.result.warning) == (50_000, True, Reason.SOFTWARE_LIMIT)
     move(rig, target=0)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.at_plus) == (0, False)
 
 
@@ -347,7 +347,7 @@ def test_a_target_beyond_the_drives_range_is_the_software_limit_too() -> None:
     rig = PositionerRig()
     rig.home()
     move(rig, target=1 << 31, **ABSOLUTE)
-    rig.settle()
+    rig.run_out()
     assert rig.position == 50_000
 
 
@@ -377,7 +377,7 @@ def test_a_function_with_a_speed_ends_at_the_software_limit_and_moves_back(funct
     assert (rig.position, rig.result.at_minus) == (-50_000, True)
 
 
-def test_an_axis_beyond_a_software_limit_stands_unless_it_moves_back() -> None:
+def test_an_axis_beyond_a_software_limit_moves_only_back() -> None:
     rig = PositionerRig()
     rig.home()
     rig.step(400, software_limits=False, jog_2=True)
@@ -402,7 +402,7 @@ def test_a_software_limit_that_becomes_active_replaces_the_target_of_a_running_t
     move(rig, target=9000, **values)
     rig.step(10)
     rig.step(software_limits=True)
-    assert rig.settle().warning is Reason.SOFTWARE_LIMIT
+    assert rig.run_out().warning is Reason.SOFTWARE_LIMIT
     assert (rig.position, rig.result.at_plus) == (5000, True)
 
 
@@ -418,7 +418,7 @@ def test_a_relative_task_that_begins_after_the_braking_of_another_ends_at_the_so
     rig.step(100)
     assert rig.position + 8200 > 20_000, "it has braked"
     rig.step(no_intermediate_stop=True)
-    assert rig.settle().warning is Reason.SOFTWARE_LIMIT
+    assert rig.run_out().warning is Reason.SOFTWARE_LIMIT
     assert rig.position == 20_000
 
 
@@ -431,7 +431,7 @@ def test_a_task_that_is_beyond_a_software_limit_when_it_becomes_active_stops() -
     beyond = rig.position
     assert beyond > 5000
     rig.step(software_limits=True)
-    assert rig.settle().warning is Reason.SOFTWARE_LIMIT
+    assert rig.run_out().warning is Reason.SOFTWARE_LIMIT
     assert beyond < rig.position < 20_000
     assert not rig.result.motion.goal.target, "not back to the limit"
 
@@ -444,7 +444,7 @@ def test_a_software_limit_that_becomes_active_also_counts_for_a_waiting_setpoint
     rig.step(10)
     assert rig.waiting is not None
     rig.step(software_limits=True)
-    rig.settle()
+    rig.run_out()
     assert rig.position == 5000
 
 
@@ -453,17 +453,17 @@ def test_a_running_function_stops_at_the_software_limit_of_a_new_reference_point
     rig = PositionerRig(replace(NARROW, reference_coordinate=4000))
     rig.home()
     move(rig, target=-4000, **ABSOLUTE)
-    rig.settle()
+    rig.run_out()
     move(rig, **{"target": 4900, **function})
     rig.step(10, homing=True, passive_homing=True)
     rig.seen.probe = rig.seen.position
     rig.step()
     rig.seen.probe = None
-    rig.settle()
+    rig.run_out()
     assert rig.position == 5000
 
 
-def test_a_task_that_a_limit_switch_holds_does_not_go_on_when_it_is_released() -> None:
+def test_a_task_stopped_by_a_limit_switch_does_not_continue_on_its_release() -> None:
     rig = PositionerRig(stop_at=1000)
     move(rig, target=5000, **ABSOLUTE)
     rig.step(60)
@@ -475,7 +475,7 @@ def test_a_task_that_a_limit_switch_holds_does_not_go_on_when_it_is_released() -
     assert rig.position == 1000
     rig.step(3, no_intermediate_stop=False)
     rig.step(no_intermediate_stop=True)
-    rig.settle()
+    rig.run_out()
     assert rig.position == 5000
 
 
@@ -489,7 +489,7 @@ def test_limit_switches_show_only_when_they_are_watched() -> None:
 # -- what ends it all -------------------------------------------------------------------------------------------------------
 
 
-def test_nothing_goes_on_when_operation_returns_and_standing_bits_are_no_edge() -> None:
+def test_nothing_continues_when_operation_returns_and_set_bits_are_not_edges() -> None:
     rig = PositionerRig(blocks=(Block(1, 0, 300, mode=BlockMode.ENDLESS_POSITIVE),))
     move(rig, target=30_000, continuous_update=True, **ABSOLUTE)
     rig.step(60, jog_1=True, homing=True)
@@ -502,7 +502,7 @@ def test_nothing_goes_on_when_operation_returns_and_standing_bits_are_no_edge() 
     assert (rig.position, rig.result.state) == (stands, State.IDLE)
 
 
-def test_reason_of_a_refused_task_ends_when_operation_begins_anew() -> None:
+def test_reason_of_a_refused_task_ends_when_operation_begins_again() -> None:
     rig = PositionerRig()
     rig.step(**{**ABSOLUTE, "velocity": 0, "activate": True})
     assert rig.result.reason is Reason.TASK_SPEED_ZERO
@@ -538,7 +538,7 @@ def test_edge_that_came_while_a_bit_was_0_is_named_until_the_next_edge(bit: str)
     assert (rig.result.state, rig.result.reason) == (State.MDI, None)
 
 
-def test_task_that_has_ended_is_no_lost_edge_and_one_that_was_rejected_is() -> None:
+def test_an_ended_task_is_not_a_lost_edge_and_a_rejected_one_is() -> None:
     rig = PositionerRig()
     move(rig, target=1_000, **ABSOLUTE)
     rig.step(2000)

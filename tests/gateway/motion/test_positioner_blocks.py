@@ -16,7 +16,7 @@ from tests.support.axis.positioner import ABSOLUTE, CYCLE, SETTINGS, PositionerR
 # -- tables -------------------------------------------------------------------------------------------------------
 
 
-GO_ON = BlockNext.CONTINUE_WITH_STOP
+CONTINUE = BlockNext.CONTINUE_WITH_STOP
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,10 @@ GO_ON = BlockNext.CONTINUE_WITH_STOP
         ({"number": 1, "task": BlockTask.WAIT, "value": -1}, "value = -1"),
         ({"number": 1, "task": BlockTask.SET_OUTPUT, "value": 4}, r"value = 4 is not allowed, expected 1\.\.3"),
         ({"number": 1, "task": BlockTask.WAIT, "next": BlockNext.FLYING}, "next = flying"),
-        ({"number": 1, "velocity": 1, "mode": BlockMode.ENDLESS_POSITIVE, "next": GO_ON}, "next = continue-with-stop"),
+        (
+            {"number": 1, "velocity": 1, "mode": BlockMode.ENDLESS_POSITIVE, "next": CONTINUE},
+            "next = continue-with-stop",
+        ),
         (
             {"number": 1, "velocity": 1, "task": BlockTask.FIXED_STOP, "value": 9, "next": BlockNext.FLYING},
             "fixed-stop",
@@ -46,15 +49,15 @@ def test_a_block_is_refused_with_number_key_value_and_what_is_allowed(values: di
     ("blocks", "message"),
     [
         ([Block(1, 0, 1), Block(1, 5, 1)], "block 1: defined twice"),
-        ([Block(1, 0, 1, next=GO_ON)], "block 1: continues with block 2, which is missing"),
+        ([Block(1, 0, 1, next=CONTINUE)], "block 1: continues with block 2, which is missing"),
         ([Block(1, task=BlockTask.GOTO, value=7)], "block 1: continues with block 7, which is missing"),
         ([Block(1, task=BlockTask.GOTO, value=1)], "block 1: the chain is a loop"),
         (
-            [Block(1, task=BlockTask.SET_OUTPUT, value=1, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)],
+            [Block(1, task=BlockTask.SET_OUTPUT, value=1, next=CONTINUE), Block(2, task=BlockTask.GOTO, value=1)],
             "block 1: the chain is a loop",
         ),
         (
-            [Block(1, task=BlockTask.WAIT, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)],
+            [Block(1, task=BlockTask.WAIT, next=CONTINUE), Block(2, task=BlockTask.GOTO, value=1)],
             "block 1: the chain is a loop",
         ),
     ],
@@ -65,8 +68,8 @@ def test_a_table_that_cannot_be_run_is_refused(blocks: list[Block], message: str
 
 
 def test_a_ring_that_moves_or_waits_is_allowed() -> None:
-    assert len(BlockTable([Block(1, 0, 1, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)])) == 2
-    BlockTable([Block(1, task=BlockTask.WAIT, value=10, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)])
+    assert len(BlockTable([Block(1, 0, 1, next=CONTINUE), Block(2, task=BlockTask.GOTO, value=1)])) == 2
+    BlockTable([Block(1, task=BlockTask.WAIT, value=10, next=CONTINUE), Block(2, task=BlockTask.GOTO, value=1)])
 
 
 # -- chains -------------------------------------------------------------------------------------------------------
@@ -99,7 +102,7 @@ def test_a_chain_runs_to_its_end_with_stops_waits_and_outputs() -> None:
     assert (rig.position, rig.result.outputs, rig.result.reached) == (600, 0b10, True)
 
 
-def test_a_flying_block_goes_on_without_a_stop() -> None:
+def test_a_flying_block_continues_without_a_stop() -> None:
     rig = chain(Block(1, 2000, 3000, next=BlockNext.FLYING), Block(2, 3000, 3000))
     stops = 0
     while rig.result.state is State.BLOCK:
@@ -115,7 +118,7 @@ def test_a_flying_block_without_waiting_set_points_stops_and_warns() -> None:
     rig = chain(Block(1, 2000, 3000, next=BlockNext.FLYING), Block(2, 3000, 3000), waiting_setpoints=False)
     rig.step(20)
     assert rig.result.warning is Reason.FLYING_NOT_SUPPORTED
-    rig.settle()
+    rig.run_out()
     assert rig.position == 3000
     assert all(motion.immediate for motion in rig.starts)
 
@@ -131,11 +134,11 @@ def test_an_intermediate_stop_in_a_flying_chain_loses_and_doubles_nothing() -> N
         rig.step(25, no_intermediate_stop=False)
         assert rig.speed == 0
         rig.step(no_intermediate_stop=True)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.state) == (3000, State.IDLE)
 
 
-def test_an_external_edge_goes_on_to_the_next_block_under_way_or_from_standstill() -> None:
+def test_an_external_edge_starts_the_next_block_in_motion_or_at_standstill() -> None:
     rig = chain(
         Block(1, 0, 3000, mode=BlockMode.ENDLESS_POSITIVE, next=BlockNext.EXTERNAL),
         Block(2, 0, 3000, next=BlockNext.EXTERNAL),
@@ -149,7 +152,7 @@ def test_an_external_edge_goes_on_to_the_next_block_under_way_or_from_standstill
     assert (rig.position, rig.result.block) == (0, 2), "one edge, one block"
     rig.step(external_block_change=False)
     rig.step(external_block_change=True)
-    rig.settle()
+    rig.run_out()
     assert rig.position == 77
 
 
@@ -159,7 +162,7 @@ def test_an_endless_block_runs_until_it_is_replaced() -> None:
     assert rig.result.motion.kind is MotionKind.SPEED
     assert rig.speed == -200
     move(rig, number=2)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.shown, rig.result.state) == (50, State.BLOCK, State.IDLE)
 
 
@@ -169,7 +172,7 @@ def test_a_block_in_the_middle_of_a_chain_that_cannot_be_done_ends_it() -> None:
         Block(2, (1 << 30) + 5, 3000, next=BlockNext.CONTINUE_WITH_STOP),
         Block(3, 900, 3000),
     )
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.warning, rig.result.state) == (100, Reason.TASK_TARGET_RANGE, State.IDLE)
 
 
@@ -190,7 +193,7 @@ def test_a_fixed_stop_that_is_not_there_ends_the_chain_with_a_warning() -> None:
         Block(1, 500, 3000, task=BlockTask.FIXED_STOP, value=250, next=BlockNext.CONTINUE_WITH_STOP),
         Block(2, 900, 3000),
     )
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.warning, rig.result.state) == (500, Reason.FIXED_STOP_MISSED, State.IDLE)
 
 
@@ -218,24 +221,24 @@ def test_homing_sets_the_reference_coordinate_and_is_shown_100_ms() -> None:
     assert rig.result.state is State.IDLE, "a standing STW1.11 homes once"
 
 
-def test_homing_that_is_taken_back_leaves_no_home_position() -> None:
+def test_a_withdrawn_homing_leaves_no_home_position() -> None:
     rig = PositionerRig(delay=5)
     rig.home()
     rig.step(2, homing=True)
     rig.step(homing=False)
     assert rig.result.state is State.BRAKING
-    rig.settle()
+    rig.run_out()
     assert not rig.result.home_set
 
 
 def test_a_reference_point_is_set_at_standstill_without_motion() -> None:
     rig = PositionerRig(replace(SETTINGS, reference_coordinate=-70))
     move(rig, target=500, **ABSOLUTE)
-    rig.settle()
+    rig.run_out()
     rig.step(set_reference_point=True)
     assert (rig.position, rig.result.home_set, rig.result.homing) == (-70, True, True)
     move(rig, target=0)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.seen.position) == (0, 570)
     move(rig, target=9000)
     rig.step(20, set_reference_point=False)
@@ -251,7 +254,7 @@ def test_passive_homing_takes_the_probe_during_a_task_that_keeps_its_way() -> No
     rig.seen.probe = 300
     rig.step()
     assert (rig.result.home_set, rig.result.probe) == (True, False)
-    rig.settle()
+    rig.run_out()
     assert (rig.seen.position, rig.position, rig.result.reached) == (5000, 4700, True)
 
 

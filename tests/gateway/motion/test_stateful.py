@@ -124,7 +124,7 @@ def test_a_relative_task_is_done_exactly_once_whatever_stops_and_overrides_come(
     for count, go_on, override in disturbances:
         rig.step(count, no_intermediate_stop=go_on, override=override)
     rig.step(no_intermediate_stop=True, override=FULL)
-    rig.settle()
+    rig.run_out()
     assert rig.position == distance
     assert rig.result.reached
 
@@ -141,7 +141,7 @@ def test_continuous_update_ends_at_the_newest_target_and_never_starts_a_second_m
     rig.step(activate=True, mdi=True, absolute=True, continuous_update=True, target=first, velocity=3000)
     for target, count in targets:
         rig.step(1 + count, target=target)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.result.acknowledged) == (targets[-1][0], True)
     distinct = 1 + sum(a != b for (a, _), (b, _) in pairwise(targets))
     assert len(rig.starts) <= distinct

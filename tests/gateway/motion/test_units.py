@@ -147,7 +147,7 @@ def test_tasks_end_at_their_target_and_what_is_shown_is_always_in_range(
 def test_a_relative_task_goes_several_turns() -> None:
     rig = PositionerRig(ROTARY)
     rig.step(mdi=True, absolute=False, target=3 * RANGE + 100, velocity=30_000, activate=True)
-    rig.settle(20_000)
+    rig.run_out(20_000)
     assert (rig.seen.position, rig.position) == (3 * RANGE + 100, 100)
 
 
@@ -156,7 +156,7 @@ def test_an_absolute_target_outside_the_range_is_refused(target: int) -> None:
     rig = PositionerRig(ROTARY)
     rig.step(mdi=True, absolute=True, target=target, velocity=3000, activate=True)
     assert rig.result.warning is Reason.TASK_TARGET_RANGE
-    assert not rig.settle().reached or rig.seen.position == 0
+    assert not rig.run_out().reached or rig.seen.position == 0
 
 
 def test_both_directions_are_refused() -> None:
@@ -169,19 +169,19 @@ def test_both_directions_are_refused() -> None:
 def test_the_direction_bits_mean_nothing_to_an_axis_without_a_range() -> None:
     rig = PositionerRig()
     rig.step(mdi=True, absolute=True, target=-900, velocity=3000, positive=True, negative=True, activate=True)
-    rig.settle()
+    rig.run_out()
     assert rig.position == -900
 
 
 def test_the_reference_point_is_the_coordinate_whatever_turn_it_is_in() -> None:
     rig = PositionerRig(replace(ROTARY, reference_coordinate=500))
     rig.step(mdi=True, absolute=False, target=RANGE + 7000, velocity=30_000, activate=True)
-    rig.settle(20_000)
+    rig.run_out(20_000)
     rig.step(activate=False)
     rig.step(set_reference_point=True)
     assert rig.position == 500
     rig.step(set_reference_point=False, absolute=True, target=0, activate=True)
-    rig.settle()
+    rig.run_out()
     assert (rig.position, rig.seen.position) == (0, RANGE + 6500)
 
 

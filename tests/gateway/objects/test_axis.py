@@ -36,7 +36,7 @@ class Requests:
     def __init__(self, axis: Axis) -> None:
         axis.drive.status = DriveStatus.ONLINE
         self._axis = axis
-        self.told: list[SdoAnswer] = []
+        self.reported: list[SdoAnswer] = []
         """Answers passed to the machine."""
 
     @property
@@ -51,7 +51,7 @@ class Requests:
         self._axis._deliver(news)
         for item in news:
             assert isinstance(item, SdoAnswer)
-            self.told.append(item)
+            self.reported.append(item)
             if item.writes is outputs.writes:
                 outputs.writes = None
         self._axis._serve(outputs)
@@ -62,11 +62,11 @@ def test_an_sdo_request_is_performed_once_and_answered(axis: Axis) -> None:
     axis.outputs.writes = FIRST
     for _ in range(3):
         requests.cycle()
-    assert (len(requests.jobs), requests.told) == (1, [])
+    assert (len(requests.jobs), requests.reported) == (1, [])
     requests.jobs[0].set_exception(GatewayError("not taken"))
     requests.cycle()
     requests.cycle()
-    assert (len(requests.jobs), requests.told) == (1, [SdoAnswer(FIRST, "not taken")])
+    assert (len(requests.jobs), requests.reported) == (1, [SdoAnswer(FIRST, "not taken")])
 
 
 def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(axis: Axis) -> None:
@@ -76,16 +76,16 @@ def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(axis: Axis) -> 
     axis.outputs.writes = SECOND
     requests.jobs[0].set_result(None)
     requests.cycle()
-    assert [answer.writes for answer in requests.told] == [FIRST]
+    assert [answer.writes for answer in requests.reported] == [FIRST]
     assert axis.outputs.writes is SECOND
     requests.cycle()
     assert len(requests.jobs) == 2
     requests.jobs[1].set_result(None)
     requests.cycle()
-    assert requests.told[1:] == [SdoAnswer(SECOND, None)]
+    assert requests.reported[1:] == [SdoAnswer(SECOND, None)]
 
 
-def test_a_request_is_performed_also_where_the_step_has_nothing_else_to_tell(axis: Axis) -> None:
+def test_a_request_is_performed_also_if_the_step_reports_nothing_else(axis: Axis) -> None:
     requests = Requests(axis)
     axis.step(None, 1)
     assert not requests.jobs
@@ -105,7 +105,7 @@ def test_a_request_waits_for_the_end_of_the_one_before(axis: Axis) -> None:
     assert len(requests.jobs) == 1
     requests.jobs[0].set_result(None)
     requests.cycle()
-    assert requests.told == [SdoAnswer(FIRST, None)]
+    assert requests.reported == [SdoAnswer(FIRST, None)]
     assert len(requests.jobs) == 2
 
 
@@ -120,23 +120,23 @@ def test_a_request_that_is_withdrawn_before_its_first_write_is_not_performed(axi
     assert [job.cancelled() for job in requests.jobs] == [True, False]
     requests.jobs[1].set_result(None)
     requests.cycle()
-    assert requests.told == [SdoAnswer(SECOND, None)]
+    assert requests.reported == [SdoAnswer(SECOND, None)]
 
 
 def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: Axis) -> None:
-    def tell(status: DriveStatus, text: str) -> None:
+    def announce(status: DriveStatus, text: str) -> None:
         axis.drive.status = status
         kind = "refused" if status is DriveStatus.REFUSED else "status"
         axis.on_node_event(DriveEvent(kind, text, time_ns=1))
         axis.step(None, 1)
 
     for _ in range(3):
-        tell(DriveStatus.CONFIGURING, "checking identity")
-        tell(DriveStatus.REFUSED, "wrong vendor")
+        announce(DriveStatus.CONFIGURING, "checking identity")
+        announce(DriveStatus.REFUSED, "wrong vendor")
     assert [fault.number for fault in axis.faults] == [106]
-    tell(DriveStatus.REFUSED, "wrong product")
-    tell(DriveStatus.ONLINE, "operational")
-    tell(DriveStatus.REFUSED, "wrong product")
+    announce(DriveStatus.REFUSED, "wrong product")
+    announce(DriveStatus.ONLINE, "operational")
+    announce(DriveStatus.REFUSED, "wrong product")
     assert [fault.number for fault in axis.faults] == [106, 106, 106]
 
 
@@ -158,26 +158,26 @@ def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: b
     ],
     ids=["boot", "lost", "bus lost"],
 )
-def test_a_restart_that_was_asked_for_is_no_fault_and_the_next_one_is(
+def test_a_requested_restart_is_not_a_fault_and_the_next_one_is(
     axis: Axis, kind: str, status: DriveStatus, healthy: bool, number: FaultNumber
 ) -> None:
-    def tell(kind: str, status: DriveStatus) -> None:
+    def announce(kind: str, status: DriveStatus) -> None:
         axis.drive.status = status
         axis.on_node_event(DriveEvent(kind, "told", time_ns=1))
         axis.step(None, 1)
 
     axis.network.healthy = healthy
     axis.reset_node()
-    tell(kind, status)
-    tell(kind, status)
+    announce(kind, status)
+    announce(kind, status)
     assert not axis.faults
-    tell("status", DriveStatus.ONLINE)
-    tell(kind, status)
+    announce("status", DriveStatus.ONLINE)
+    announce(kind, status)
     assert [fault.number for fault in axis.faults] == [number]
 
 
 @pytest.mark.parametrize("status", [DriveStatus.CONFIGURING, DriveStatus.OFFLINE])
-def test_what_a_drive_does_on_a_lost_bus_is_no_second_loss_of_it(axis: Axis, status: DriveStatus) -> None:
+def test_what_a_drive_does_on_a_lost_bus_is_not_a_second_loss(axis: Axis, status: DriveStatus) -> None:
     axis.drive.status = status
     axis.network.healthy = False
     axis.on_node_event(DriveEvent("status", "tried again", time_ns=1))
@@ -195,7 +195,7 @@ def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number
     assert (fault.number, fault.code, fault.value) == (number, code, 1)
 
 
-def test_the_end_of_an_emergency_is_no_fault(axis: Axis) -> None:
+def test_the_end_of_an_emergency_is_not_a_fault(axis: Axis) -> None:
     axis.on_node_event(DriveEvent("emcy", "EMCY 0000h no error", 0, 0, bytes(5), 1))
     axis.step(None, 1)
     assert not axis.faults

@@ -63,13 +63,13 @@ def steps(axis: Axis) -> Steps:
     return Steps(axis)
 
 
-def test_normal_operation_tells_nothing(steps: Steps) -> None:
+def test_normal_operation_reports_nothing(steps: Steps) -> None:
     steps.enable()
     steps(0x047D, State.OPERATION_ENABLED, State.SWITCH_ON_DISABLED)
     assert steps.numbers == []
 
 
-def test_a_statusword_of_no_state_is_fault_107_and_tells_the_word(steps: Steps) -> None:
+def test_a_statusword_of_no_state_is_fault_107_with_the_word(steps: Steps) -> None:
     steps.enable()
     steps(ON, 0x022C, 0x022C)
     assert steps.numbers == [107]
@@ -77,7 +77,7 @@ def test_a_statusword_of_no_state_is_fault_107_and_tells_the_word(steps: Steps) 
     assert steps.axis.reason is Reason.DRIVE_UNKNOWN_STATE
 
 
-def test_a_bouncing_statusword_is_told_once_a_second(steps: Steps) -> None:
+def test_a_bouncing_statusword_is_reported_once_a_second(steps: Steps) -> None:
     steps.enable()
     for _ in range(300):
         steps(ON, 0x022C, State.SWITCHED_ON)
@@ -93,14 +93,14 @@ def test_a_drive_that_leaves_operation_by_itself_is_fault_122(steps: Steps) -> N
     assert axis_status(steps.axis)["faults"][0]["is_warning"] is False
 
 
-def test_the_plcs_own_disable_is_no_warning(steps: Steps) -> None:
+def test_a_disable_by_the_plc_is_not_a_warning(steps: Steps) -> None:
     steps.enable()
     steps(ON & ~0x8, State.OPERATION_ENABLED, State.SWITCHED_ON)
     steps(ON, State.SWITCHED_ON, State.OPERATION_ENABLED)
     assert steps.numbers == []
 
 
-def test_an_internal_limit_is_told_at_its_beginning_and_is_the_reason_while_it_lasts(steps: Steps) -> None:
+def test_an_internal_limit_is_logged_at_its_beginning_and_is_the_reason(steps: Steps) -> None:
     steps.enable()
     limited = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT
     steps(ON, limited, limited)
@@ -181,7 +181,7 @@ def test_an_emergency_that_ended_is_a_new_one_when_it_comes_again(axis: Axis) ->
     assert len(axis.faults) == 2
 
 
-def test_an_emergency_without_an_error_is_a_warning_until_its_end_whatever_else_is_told(axis: Axis) -> None:
+def test_an_emergency_without_an_error_is_a_warning_until_its_end(axis: Axis) -> None:
     emcy(axis, 0x2310, register=0, now=1)
     bit = 1 << EMCY_WARNING_BIT
     assert axis.fault_log.warnings(axis.outputs.warning) & bit, "P953"
@@ -192,7 +192,7 @@ def test_an_emergency_without_an_error_is_a_warning_until_its_end_whatever_else_
     assert not axis.fault_log.warnings(axis.outputs.warning) & bit
 
 
-def test_the_log_has_each_change_of_the_reason_each_fault_and_what_the_node_told_once(
+def test_the_log_has_each_reason_fault_and_message_of_the_node_once(
     steps: Steps, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", logger="gateway")
@@ -218,21 +218,21 @@ def test_the_log_has_each_change_of_the_reason_each_fault_and_what_the_node_told
 
 
 def test_a_drive_that_does_not_answer_is_fault_121_once(axis: Axis) -> None:
-    def tell(status: DriveStatus, text: str) -> None:
+    def announce(status: DriveStatus, text: str) -> None:
         axis.drive.status = status
         axis.on_node_event(DriveEvent("status", text, time_ns=1))
         axis.step(None, 1)
 
     for count in range(3):
-        tell(DriveStatus.CONFIGURING, "checking identity")
-        tell(DriveStatus.OFFLINE, f"no answer {count}")
+        announce(DriveStatus.CONFIGURING, "checking identity")
+        announce(DriveStatus.OFFLINE, f"no answer {count}")
     assert [fault.number for fault in axis.faults] == [121]
-    tell(DriveStatus.ONLINE, "operational")
-    tell(DriveStatus.OFFLINE, "no answer")
+    announce(DriveStatus.ONLINE, "operational")
+    announce(DriveStatus.OFFLINE, "no answer")
     assert [fault.number for fault in axis.faults] == [121, 121]
 
 
-def test_a_set_point_the_drive_did_not_take_is_warning_119_and_the_reason_while_it_stands(steps: Steps) -> None:
+def test_a_setpoint_the_drive_does_not_accept_is_warning_119_and_the_reason(steps: Steps) -> None:
     steps.enable()
     steps.axis.drive.rpdos.set_point_refused = True
     steps.axis.on_node_event(DriveEvent("set-point", "not started: 6083h", time_ns=1))

@@ -50,7 +50,7 @@ def test_what_the_plc_sent_last_stays_after_its_loss() -> None:
         assert item.last_setpoints == (OFF, 5)
 
 
-def test_a_refusal_that_was_told_is_not_told_again_because_the_telegram_changed() -> None:
+def test_a_reported_refusal_is_not_repeated_because_the_telegram_changed() -> None:
     def refused(item: Axis) -> None:
         item.drive.status = DriveStatus.REFUSED
         item.on_node_event(DriveEvent("refused", "wrong vendor", time_ns=1))
@@ -82,7 +82,7 @@ def test_an_encoder_that_is_g1_stays_g1_with_another_telegram() -> None:
 
 
 @pytest.mark.parametrize(("more", "turns"), [("", [0]), ("g1 = 2", [4096])], ids=["drive", "encoder"])
-def test_p979_tells_the_sensor_that_is_g1(more: str, turns: list[int]) -> None:
+def test_p979_has_the_sensor_that_is_g1(more: str, turns: list[int]) -> None:
     objects = axis(1, telegram_number=3, more=f"simulate = true\n{more}") + encoder(2, 81)
     with serving(configuration(objects), do_id=1) as (_, client):
         (answer,) = client.request([ParameterAddress(979, 0, 31)])

@@ -17,7 +17,7 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_text import Health, check_line
 from tests.support.documents.situations import (
     BREAKERS,
-    settle,
+    run_out,
     show_no_supply,
     shown,
 )
@@ -35,7 +35,7 @@ from tests.support.gateways.daemon import (
 )
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
-_BEHIND = {
+_AFTER = {
     Enable.BUS: {Enable.NODE, Enable.SUPPLY, Enable.NO_FAULT, Enable.OPERATION},
     Enable.NODE: {Enable.SUPPLY, Enable.NO_FAULT, Enable.OPERATION},
     Enable.SUPPLY: {Enable.OPERATION},
@@ -103,7 +103,7 @@ def test_repeated_losses_are_named_until_the_axis_operates_again() -> None:
 def test_each_broken_link_names_itself_with_its_own_remedy(enable: Enable) -> None:
     with operating() as (daemon, plc):
         BREAKERS[enable](plc, daemon)
-        settle(plc)
+        run_out(plc)
         link = first(daemon)
         assert link.enable is enable
         assert link.reason is not None
@@ -117,13 +117,13 @@ def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tupl
     with operating() as (daemon, plc):
         for enable in pair:
             BREAKERS[enable](plc, daemon)
-        settle(plc)
+        run_out(plc)
         found = links(daemon)
         front, back = pair
-        expected, other = (back, front) if front in _BEHIND.get(back, ()) else (front, back)
+        expected, other = (back, front) if front in _AFTER.get(back, ()) else (front, back)
         link = first(daemon)
         assert link.enable is expected, daemon.axes[0].enable_status.sentence
-        if other in _BEHIND.get(expected, ()):
+        if other in _AFTER.get(expected, ()):
             assert found[other].ok is not True
         elif other is not Enable.SETPOINT:
             assert found[other].ok is False
@@ -144,7 +144,7 @@ def test_log_names_the_same_link(caplog: pytest.LogCaptureFixture) -> None:
     with operating() as (daemon, plc), caplog.at_level("INFO", "gateway"):
         drive_of(daemon).node.power_off()
         plc.silent = True
-        settle(plc)
+        run_out(plc)
         said = [record.getMessage() for record in caplog.records if getattr(record, "event", "") == "reason"]
         assert said[-1].startswith("axis 1: Not on the bus: node 1 on bus can ")
         assert said[-1].endswith(". Check power, CAN cable, termination, bit rate and node-ID of the drive.")
@@ -164,7 +164,7 @@ def test_check_is_critical_without_a_drive_whatever_the_plc_sends(enable: Enable
         else:
             plc.endpoint.set(0, {"STW1": word})
         BREAKERS[enable](plc, daemon)
-        settle(plc)
+        run_out(plc)
         health, line = check_line(snapshot(daemon))
         assert health is Health.CRITICAL
         assert daemon.axes[0].enable_status.sentence in line
@@ -174,7 +174,7 @@ def test_fault_has_its_name_time_and_remedy_in_the_first_line() -> None:
     with operating() as (daemon, plc):
         drive_of(daemon).inject(7)
         plc.until(lambda: daemon.axes[0].enable_status.state is AxisState.FAULT, "the fault")
-        settle(plc)
+        run_out(plc)
         cause = document(daemon)["cause"]
         at = cause["time"][11:19]
         assert document(daemon)["sentence"].startswith(f"Fault: {cause['text']}, since {at}. ")
@@ -186,10 +186,10 @@ def test_loss_of_the_plc_does_not_replace_an_older_cause() -> None:
     with operating() as (daemon, plc):
         drive_of(daemon).inject(7)
         plc.until(lambda: daemon.axes[0].enable_status.state is AxisState.FAULT, "the fault")
-        settle(plc)
+        run_out(plc)
         before = document(daemon)
         plc.silent = True
-        settle(plc)
+        run_out(plc)
         after = document(daemon)
         assert after["faults"][0]["number"] == FaultNumber.PLC_LOST
         assert after["cause"]["id"] == before["cause"]["id"]
@@ -200,12 +200,12 @@ def test_loss_of_the_plc_does_not_replace_an_older_cause() -> None:
 def test_older_loss_of_the_plc_does_not_hide_a_fault_of_the_drive() -> None:
     with operating() as (daemon, plc):
         plc.silent = True
-        settle(plc)
+        run_out(plc)
         plc.silent = False
         plc.endpoint.set(0, {"STW1": OFF})
-        settle(plc)
+        run_out(plc)
         drive_of(daemon).inject(7)
-        settle(plc)
+        run_out(plc)
         assert document(daemon)["cause"]["number"] < FaultNumber.NODE_LOST
         assert "EMCY" in document(daemon)["sentence"]
 
@@ -214,7 +214,7 @@ def test_names_of_the_manufacturer_speak_where_the_family_has_them() -> None:
     with operating() as (daemon, plc):
         names = {fault.name for fault in daemon.axes[0].manufacturer_faults.values()}
         drive_of(daemon).inject(7)
-        settle(plc)
+        run_out(plc)
         assert any(name in document(daemon)["reason"] for name in names)
 
 
@@ -227,18 +227,18 @@ def test_supply_counts_only_where_the_drive_has_shown_it_without_power() -> None
     with running(configuration(axis(1)), plain) as daemon:
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})
-        settle(plc)
+        run_out(plc)
         assert links(daemon)[Enable.SUPPLY].ok is None
         assert first(daemon).reason is Reason.SWITCHED_OFF
         plc.endpoint.set(0, {"STW1": ON})
-        settle(plc)
+        run_out(plc)
         assert first(daemon).reason is Reason.NO_SUPPLY
 
 
 def test_axis_switched_off_by_the_plc_is_off_and_no_finding() -> None:
     with operating() as (daemon, plc):
         plc.endpoint.set(0, {"STW1": OFF})
-        settle(plc)
+        run_out(plc)
         assert daemon.axes[0].enable_status.state is AxisState.OFF
         assert first(daemon).reason is Reason.SWITCHED_OFF
         assert check_line(snapshot(daemon))[0] is Health.OK
@@ -247,7 +247,7 @@ def test_axis_switched_off_by_the_plc_is_off_and_no_finding() -> None:
 def test_on_without_enable_operation_is_the_plcs_to_complete() -> None:
     with operating() as (daemon, plc):
         plc.endpoint.set(0, {"STW1": ON & ~0x8})
-        settle(plc)
+        run_out(plc)
         assert first(daemon).reason is Reason.ENABLE_MISSING
 
 
@@ -258,16 +258,16 @@ def test_on_beside_a_held_stop_waits_for_the_plcs_program(mask: int, bits: str) 
     """An interlock in the PLC: the axis is not off as the PLC asks, and all missing bits are named."""
     with operating() as (daemon, plc):
         plc.endpoint.set(0, {"STW1": ON & ~mask})
-        settle(plc)
+        run_out(plc)
         assert daemon.axes[0].enable_status.state is AxisState.WAITS
         assert first(daemon).evidence.endswith(bits)
         assert check_line(snapshot(daemon))[0] is Health.WARNING
 
 
-def test_device_that_is_refused_is_told_apart_from_an_absent_one() -> None:
+def test_a_refused_device_is_distinguished_from_an_absent_one() -> None:
     with operating() as (daemon, plc):
         drive_of(daemon).node.power_off()
-        settle(plc)
+        run_out(plc)
         assert first(daemon).reason is Reason.DRIVE_OFFLINE
         client = daemon.axes[0].client
         client.status, client.refusal = NodeStatus.REFUSED, "1018h/1 is 5, not 4"
@@ -286,7 +286,7 @@ def test_chain_of_an_encoder_is_judged_alike() -> None:
         assert encoder.enable_status.broken.reason is Reason.ENCODER_NO_CONTROL
         encoder_of(daemon).node.power_off()
         plc.silent = True
-        settle(plc)
+        run_out(plc)
         chain = {link.enable: link for link in encoder.enable_status.chain}
         assert encoder.enable_status.broken.reason is Reason.ENCODER_OFFLINE
         assert chain[Enable.PLC].reason is Reason.ENCODER_NO_PLC

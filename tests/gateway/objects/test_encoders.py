@@ -361,7 +361,7 @@ def test_telegram_4_with_another_node_s_encoder_as_g2() -> None:
         ("", "at least one"),
     ],
 )
-def test_configurations_that_cannot_be_are_told(objects: str, message: str) -> None:
+def test_impossible_configurations_are_rejected(objects: str, message: str) -> None:
     with pytest.raises(GatewayError) as caught:
         parse_config(f'[can]\ninterface = "virtual"\nchannel = "x"\n{objects}')
     assert message in str(caught.value)

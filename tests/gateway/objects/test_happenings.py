@@ -21,7 +21,7 @@ from pdgw.tools.output.status_text import Health, cause_sentence, check_line, ob
 from tests.conformance.rig import COMPLETE
 from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS
 from tests.support.documents.situation_table import BY_LINK, WRITTEN, situation_row, written_rows
-from tests.support.documents.situations import BREAKERS, SITUATIONS, Situation, at_situation, settle
+from tests.support.documents.situations import BREAKERS, SITUATIONS, Situation, at_situation, run_out
 from tests.support.gateways.daemon import (
     OFF,
     ON,
@@ -107,9 +107,9 @@ CAUSES = {
 @pytest.mark.parametrize("enable", CAUSES)
 def test_the_cause_of_every_stop_follows_the_operation(enable: Enable) -> None:
     with operating() as (daemon, plc):
-        settle(plc)
+        run_out(plc)
         BREAKERS[enable](plc, daemon)
-        settle(plc)
+        run_out(plc)
         texts = [line["text"] for line in explanation(daemon, daemon.objects)]
     assert texts[texts.index("In operation") + 1].startswith(CAUSES[enable])
 
@@ -121,10 +121,10 @@ def test_a_fault_that_returns_is_one_line_with_its_count() -> None:
         plc.enable()
         for _ in range(6):
             drive_of(daemon).inject(7)
-            settle(plc)
+            run_out(plc)
             drive_of(daemon).clear()
             plc.endpoint.set(0, {"STW1": OFF | 0x80})
-            settle(plc)
+            run_out(plc)
             plc.enable()
         texts = [line["text"] for line in explanation(daemon, daemon.objects)]
     assert len(texts) <= LINES
@@ -142,13 +142,13 @@ def test_the_axis_that_stopped_the_machine_is_shown_among_16_objects() -> None:
         for word in (OFF, ON):
             for place in range(16):
                 plc.endpoint.set(place, {"STW1": word})
-            settle(plc)
+            run_out(plc)
         drive_of(daemon, 10).inject(7)
         plc.exchange()
         plc.exchange()
         for place in range(16):
             plc.endpoint.set(place, {"STW1": 0x047B})
-        settle(plc)
+        run_out(plc)
         lines = [f"{line['who']}: {line['text']}" for line in explanation(daemon, daemon.objects)]
     assert len(lines) <= LINES
     assert "axis 10: fault 7: EMCY 2310h over-current" in lines
@@ -167,12 +167,12 @@ def test_frames_without_setpoints_are_the_cause_of_a_stop(
     attribute: str, value: object, text: str, frames: int
 ) -> None:
     with operating() as (daemon, plc):
-        settle(plc)
+        run_out(plc)
         before = getattr(plc.endpoint, attribute)
         setattr(plc.endpoint, attribute, value)
         plc.exchange(frames)
         setattr(plc.endpoint, attribute, before)
-        settle(plc)
+        run_out(plc)
         texts = [line["text"] for line in explanation(daemon, daemon.objects)]
         cause = next(place for place, line in enumerate(texts) if line.startswith(text))
         assert texts[cause - 1] == "In operation"
@@ -184,11 +184,11 @@ def test_cause_comes_before_what_follows_from_it() -> None:
         plc = Plc(daemon, [1, 1])
         plc.endpoint.set(1, {"STW1": OFF})
         plc.enable()
-        settle(plc)
+        run_out(plc)
         drive_of(daemon).inject(7)
-        settle(plc)
+        run_out(plc)
         plc.silent = True
-        settle(plc)
+        run_out(plc)
         texts = [f"{line['who']}: {line['text']}" for line in explanation(daemon, daemon.objects)]
         cause = next(place for place, text in enumerate(texts) if text.startswith("axis 1: fault 7: EMCY"))
         loss = next(place for place, text in enumerate(texts) if "PLC lost" in text)
@@ -206,7 +206,7 @@ def test_command_prints_the_lines_and_writes_the_support_file(
 ) -> None:
     with operating() as (daemon, plc):
         drive_of(daemon).inject(7)
-        settle(plc)
+        run_out(plc)
         lines, document = explanation(daemon, daemon.objects), snapshot(daemon)
     monkeypatch.setattr(status_client, "fetch_explanation", lambda *_: lines)
     monkeypatch.setattr(status_client, "fetch", lambda *_: document)
@@ -250,7 +250,7 @@ def test_first_line_names_the_cause_and_its_remedy_cures_it(link: str, title: st
             for _ in range(_ASKED):
                 plc.exchange()
                 judge(situation, daemon)
-            settle(plc)
+            run_out(plc)
         situation.cure(plc, daemon)
         plc.until(lambda: item.enable_status.state is AxisState.OBEYS, item.enable_status.sentence)
 
@@ -285,7 +285,7 @@ def test_words_without_effect_are_a_note_of_an_axis_in_operation(
 ) -> None:
     with operating(configuration(axis(1, telegram_number=number, more=f"simulate = true\n{more}"))) as (daemon, plc):
         plc.endpoint.set(0, {"STW1": word, **others})
-        settle(plc)
+        run_out(plc)
         document = snapshot(daemon)
         assert document["axes"][0]["state_id"] == AxisState.OBEYS.name
         assert [text for text in document["axes"][0]["notes"] if not text.startswith(note)] == []
@@ -296,7 +296,7 @@ def test_words_without_effect_are_a_note_of_an_axis_in_operation(
 @pytest.mark.parametrize(
     "word", [0x047E, 0x047F, 0x04FE, 0x043F, 0x0C3F, 0x0C7F, 0x047B, 0x0000, 0x0400, 0xF47F, 0x0604]
 )
-def test_word_of_a_healthy_program_is_not_taken_for_one_with_swapped_bytes(word: int) -> None:
+def test_word_of_a_healthy_program_does_not_count_as_one_with_swapped_bytes(word: int) -> None:
     assert unswapped(word) is None
 
 
@@ -334,7 +334,7 @@ def test_a_physical_cause_is_named_before_each_other_one(link: str, title: str) 
         for enable in (Enable.NO_FAULT, Enable.SUPPLY, Enable.NODE, Enable.BUS):
             if enable in chain:
                 BREAKERS[enable](plc, daemon)
-                settle(plc, _SHORT_NS)
+                run_out(plc, _SHORT_NS)
                 first = min(first, chain.index(enable))
                 broken = item.enable_status.broken
                 assert broken is not None
@@ -345,7 +345,7 @@ def test_a_physical_cause_is_named_before_each_other_one(link: str, title: str) 
 
 def test_repeated_losses_of_the_plc_do_not_fill_the_log(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level("INFO", "gateway"), at_situation(PLC_SITUATIONS[_SLOW_PLC]) as (daemon, plc):
-        settle(plc, 10 * SECOND)
+        run_out(plc, 10 * SECOND)
         assert "watchdog_expiries: 5" in " ".join(status_lines(snapshot(daemon), 400, counters=True))
         assert len([text for text in caplog.messages if "fault 103" in text]) <= 4
         lines = [text for text in caplog.messages if text.startswith("PLC")]

@@ -184,7 +184,7 @@ def test_a_task_starts_with_its_own_accelerations(machine: Machine) -> None:
     assert not machine.axis.faults
 
 
-def test_a_task_whose_data_is_not_taken_does_not_start_is_told_and_can_be_given_again(machine: Machine) -> None:
+def test_a_task_whose_data_is_not_accepted_is_reported_and_can_be_repeated(machine: Machine) -> None:
     machine.drive.do(lambda node: node.misbehave("sdo-timeout"))
     machine.give(TASK_ON | TASK, MDI_TARPOS=0x1000_0000, MDI_ACC=0x1000, MDI_DEC=0x1000)
     machine.until(lambda: machine.axis.reason is Reason.SET_POINT_REFUSED, "refused")

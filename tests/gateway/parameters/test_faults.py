@@ -83,7 +83,7 @@ def test_a_fault_that_only_the_statusword_shows_is_read_from_the_drive(monkeypat
         assert number(client, 945, 0, 1) == DRIVE_FAULTS[5].error_code
 
 
-def test_a_lost_drive_is_told_and_delays_no_answer_of_another_axis() -> None:
+def test_a_lost_drive_is_reported_and_delays_no_answer_of_another_axis() -> None:
     with gateway(axis(1) + axis(2)) as (daemon, client):
         drive_of(daemon).stop()
         until(daemon, lambda: [fault.number for fault in daemon.axes[0].faults][-1:] == [101], "lost")

@@ -114,7 +114,7 @@ def test_every_caller_gets_the_answers_to_its_own_requests_and_no_other(events: 
             assert refusal(lambda: fetch(caller)) == AccessError.STATE_CONFLICT  # noqa: B023
 
 
-def test_answers_nobody_fetches_do_not_fill_the_memory() -> None:
+def test_answers_that_are_not_fetched_do_not_fill_the_memory() -> None:
     served, manager = records()
     for number in range(1000):
         ask(served.of(HERE, UUID(int=number)))
@@ -122,7 +122,7 @@ def test_answers_nobody_fetches_do_not_fill_the_memory() -> None:
     assert len(served._requests) <= 32
 
 
-def test_while_a_request_is_in_work_nobody_else_may_ask_at_the_same_place() -> None:
+def test_while_a_request_is_in_work_another_one_at_its_place_is_refused() -> None:
     served, manager = records()
     ask(served.of(HERE, UUID(int=1)))
     other = served.of(HERE, UUID(int=2))
@@ -138,7 +138,7 @@ def test_while_a_request_is_in_work_nobody_else_may_ask_at_the_same_place() -> N
     ("host", "may_write"),
     [("192.168.0.10", True), ("192.168.0.70", True), ("192.168.0.80", False), ("127.0.0.1", False)],
 )
-def test_only_those_in_write_from_write_parameters_and_everybody_reads(host: str, may_write: bool) -> None:
+def test_only_clients_in_write_from_write_parameters_and_all_read(host: str, may_write: bool) -> None:
     served, manager = records("192.168.0.10", "192.168.0.64/28", everybody=False)
     caller = served.of((host, 1), NIL)
     ask(caller)
@@ -153,21 +153,21 @@ def test_only_those_in_write_from_write_parameters_and_everybody_reads(host: str
 
 
 @pytest.mark.parametrize("request_id", [0, 2, 3, 0x82, 0xFF])
-def test_what_is_no_read_request_counts_as_a_write(request_id: int) -> None:
+def test_what_is_not_a_read_request_counts_as_a_write(request_id: int) -> None:
     served, manager = records(everybody=False)
     data = bytes((1, request_id, 1, 1))
     assert refusal(lambda: ask(served.of(HERE, NIL), data)) == AccessError.ACCESS_DENIED
     assert manager.asked == []
 
 
-def test_without_a_list_everybody_on_the_machine_writes_and_nobody_else() -> None:
+def test_without_a_list_only_clients_on_the_machine_write() -> None:
     local = configuration(axis(1)).transport.listen
     beyond = configuration(axis(1), transport='listen = "192.168.0.5"\npeer = "192.168.0.10"').transport.listen
     assert ParametersConfig().writers(local) is None
     assert ParametersConfig().writers(beyond) == ()
 
 
-def test_a_network_that_is_none_is_told_with_its_place() -> None:
+def test_an_invalid_network_is_rejected_with_its_place() -> None:
     with pytest.raises(GatewayError, match=r"x.toml:8: .*write_from.*192.168.0.300"):
         parse_config(
             '[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n[parameters]\n'

@@ -13,7 +13,7 @@ from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_text import check_line, object_lines, status_lines
 from pdgw.tools.web.status.events import EventLog
-from tests.support.documents.situations import settle
+from tests.support.documents.situations import run_out
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
 
 
@@ -102,9 +102,9 @@ def test_names_are_shown_beside_the_numbers(caplog: pytest.LogCaptureFixture) ->
         plc = Plc(daemon, [1, 1])
         plc.endpoint.set(0, {"STW1": OFF})
         plc.endpoint.set(1, {"STW1": OFF})
-        settle(plc)
+        run_out(plc)
         drive_of(daemon).inject(7)
-        settle(plc)
+        run_out(plc)
         document = snapshot(daemon)
         assert document["name"] == "press"
         assert document["axes"][0]["name"] == "slide 1"

@@ -38,7 +38,7 @@ def manager_socket(address: str) -> Iterator[socket.socket]:
         yield listening
 
 
-def told(listening: socket.socket) -> list[bytes]:
+def received(listening: socket.socket) -> list[bytes]:
     lines = []
     while True:
         try:
@@ -59,15 +59,15 @@ def test_ready_alive_stopping(tmp_path: Path, abstract: bool) -> None:
             daemon.services.append(manager)
 
         with playing(configuration(axis(1)), before) as daemon:
-            assert told(listening)[0] == b"READY=1"
+            assert received(listening)[0] == b"READY=1"
             signs = []
             for _ in range(10):
                 world_of(daemon).loop.run_for(SECOND)
-                signs += told(listening)
+                signs += received(listening)
             # Four in each time-out, so that one that is lost does no harm; not one in each cycle.
             assert set(signs) == {b"WATCHDOG=1"}
             assert 4 * 10 / WATCHDOG_S - 1 <= len(signs) <= 4 * 10 / WATCHDOG_S + 1
-        assert told(listening)[-1] == b"STOPPING=1"
+        assert received(listening)[-1] == b"STOPPING=1"
         assert manager.failures == 0
 
 
@@ -75,10 +75,10 @@ def test_no_sign_of_life_without_cycles(tmp_path: Path) -> None:
     with manager_socket(str(tmp_path / "n")) as listening:
         manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "n"), "WATCHDOG_USEC": "2000000"}, 7)
         manager.start()
-        assert told(listening) == [b"READY=1"]
+        assert received(listening) == [b"READY=1"]
         manager.cycle(5 * MS, False, 0)
         manager.cycle(6 * MS, False, 0)
-        assert told(listening) == [b"WATCHDOG=1"]
+        assert received(listening) == [b"WATCHDOG=1"]
         manager.stop()
 
 
@@ -87,7 +87,7 @@ def test_no_sign_of_life_without_cycles(tmp_path: Path) -> None:
     [{}, {"WATCHDOG_USEC": "x"}, {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "8"}],
     ids=["none", "no number", "another process"],
 )
-def test_no_watchdog_that_is_not_wanted_of_this_process(environment: dict[str, str]) -> None:
+def test_no_watchdog_without_a_request_to_this_process(environment: dict[str, str]) -> None:
     manager = ServiceManager(environment, 7)
     assert manager.interval_ns == 0
     manager.start()
@@ -224,7 +224,7 @@ def test_no_test_changes_the_scheduling_of_its_process() -> None:
 
 
 @pytest.mark.parametrize("build", [PURE, COMPILED])
-def test_more_axes_or_a_shorter_cycle_than_measured_are_told(build: str) -> None:
+def test_more_axes_or_a_shorter_cycle_than_measured_are_reported(build: str) -> None:
     for axes, cycle_ms in ((1, 1), (8, 1), (4, 4), (32, 8)):
         assert beyond_measured(axes, cycle_ms, build) == ""
     assert beyond_measured(9, 1, build).startswith(f"9 axes at 1 ms: beyond what this build ({build}) was measured for")

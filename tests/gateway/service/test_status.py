@@ -59,11 +59,11 @@ def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
         seen = set()
         plc.endpoint.set(0, {"STW1": OFF | 1})
 
-        def obeys() -> bool:
+        def in_operation() -> bool:
             seen.add((state(daemon), broken(daemon)))
             return state(daemon) is AxisState.OBEYS
 
-        plc.until(obeys, "operation")
+        plc.until(in_operation, "operation")
         assert (AxisState.STARTING, Reason.NOT_OPERATING) in seen
         assert broken(daemon) is None
         assert all(link.ok for link in daemon.axes[0].enable_status.chain)
@@ -126,7 +126,7 @@ def test_what_is_sent_in_parts_is_the_snapshot() -> None:
 @pytest.mark.parametrize(
     ("request_", "field"), [(b"faults 9\n", "do_id"), (b"faults\n", "request"), (b"\xff\x00 x\n", "request")]
 )
-def test_a_request_nobody_knows_is_refused_with_what_is_allowed(request_: bytes, field: str) -> None:
+def test_an_unknown_request_is_refused_with_what_is_allowed(request_: bytes, field: str) -> None:
     with running(configuration(axis(1))) as daemon:
         answer = json.loads(b"".join(answered(daemon, request_)))
         assert answer["field"] == field
@@ -159,7 +159,7 @@ def test_a_lost_drive_is_not_shown_as_turning() -> None:
 _HOMING = warning_bits(FaultNumber.HOMING)
 
 
-def test_a_warning_is_active_while_it_stands_and_only_its_newest_telling() -> None:
+def test_a_warning_is_active_until_its_end_and_only_in_its_newest_entry() -> None:
     log = FaultLog(0)
     for number in (FaultNumber.HOMING, FaultNumber.PLC_LOST, FaultNumber.HOMING):
         log.enter(gateway_fault(number, "told", 1))
@@ -177,7 +177,7 @@ def test_a_warning_is_active_while_it_stands_and_only_its_newest_telling() -> No
     assert not log.unacknowledged()
 
 
-def test_ids_go_on_when_old_faults_are_forgotten() -> None:
+def test_ids_continue_when_old_faults_are_discarded() -> None:
     log = FaultLog(0)
     for number in range(100):
         log.enter(gateway_fault(FaultNumber.PLC_LOST, str(number), number))
@@ -229,7 +229,7 @@ def test_cycle_and_answer_times_of_a_daemon_are_in_the_document() -> None:
         assert periods["sum_s"] == pytest.approx(document["uptime_s"], abs=0.05)
 
 
-def test_the_age_of_the_plcs_last_frame_is_told() -> None:
+def test_the_status_has_the_age_of_the_plcs_last_frame() -> None:
     with running(configuration(axis(1))) as daemon:
         assert snapshot(daemon)["plc"]["heard_age_ms"] is None
         plc = Plc(daemon, [1])

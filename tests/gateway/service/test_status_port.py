@@ -67,7 +67,7 @@ def server_of(loop: SystemLoop, failures: int) -> tuple[StatusServer, Listener, 
     return server, listener, client
 
 
-def test_a_connection_that_cannot_be_had_does_not_wake_the_loop_again_and_again(
+def test_a_connection_that_cannot_be_accepted_does_not_keep_the_loop_awake(
     loop: SystemLoop, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(status_module, "_PAUSE_NS", 3600 * SECOND)
@@ -136,7 +136,7 @@ def test_status_of_an_ended_gateway_has_its_last_words(port: int, error: Excepti
     assert "the last one ended on 20" in str(asked.value)
 
 
-def test_stop_as_commanded_is_no_error(port: int) -> None:
+def test_stop_as_commanded_is_not_an_error(port: int) -> None:
     with kept_last_words(port):
         pass
     assert last_words(port).endswith("stopped as commanded")

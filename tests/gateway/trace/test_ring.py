@@ -191,7 +191,7 @@ def test_what_an_earlier_run_left_is_kept_once(tmp_path: Path) -> None:
         lambda data: data.replace(b'{"": "Description', b'{"": "os.system '),
     ],
 )
-def test_a_file_that_is_no_recording_or_damaged_is_refused_in_one_line(tmp_path: Path, spoil: object) -> None:
+def test_a_file_that_is_not_a_recording_or_damaged_is_refused_in_one_line(tmp_path: Path, spoil: object) -> None:
     with recorded(configuration(axis(1)), tmp_path) as plc:
         plc.exchange()
         (segment,) = RingReader(ring(plc).path).segments()

@@ -114,7 +114,7 @@ class Peer:
         self.missed = 0
 
     def send(self) -> None:
-        self.settle()
+        self.run_out()
         datagram = self._dialogue.datagram()
         self._sent = time.monotonic_ns()
         with contextlib.suppress(ConnectionRefusedError):
@@ -127,7 +127,7 @@ class Peer:
                 data = self.socket.recv(_LARGEST)
                 self._arrived.append((time.monotonic_ns(), data))
 
-    def settle(self) -> None:
+    def run_out(self) -> None:
         """End the period of the last datagram."""
         self.take()
         if self._sent:
@@ -159,7 +159,7 @@ def run(peers: Sequence[Peer], cycles: int, period_ns: int) -> None:
         peers[number % len(peers)].send()
     time.sleep(period_ns / SECOND)
     for peer in peers:
-        peer.settle()
+        peer.run_out()
     gc.enable()
 
 

@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         begun, count, memory, steps = time.process_time(), 0, 0, 0
         for run, stop in _runs(options, numbers, end):
             try:
-                run.play(stop)
+                run.run_to(stop)
                 steps += run.replayed()
                 memory = memory or (_memory() if stop > _HOUR_NS else 0)
                 if memory and _memory() > memory + _GROWTH_KIB:

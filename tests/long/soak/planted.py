@@ -133,7 +133,7 @@ def search(text: str, seed: int, axes: int = 2, limit_ns: int = LIMIT_NS) -> Fou
         for part in takewhile(lambda part: part.begin < limit_ns, day):
             soak_run = CalmRun(part) if calm else SoakRun(part)
             try:
-                soak_run.play(min(part.end, limit_ns))
+                soak_run.run_to(min(part.end, limit_ns))
             except ViolationError as violation:
                 return Found(soak_run.loop.now(), str(violation))
             finally:

@@ -40,7 +40,7 @@ from tests.long.soak.engineer import HOST as ENGINEER_HOST
 from tests.long.soak.engineer import Engineer
 from tests.long.soak.plan import AxisPlan, Part, Plan, shapes_of
 from tests.long.soak.trace import Trace
-from tests.long.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError, require
+from tests.long.soak.watch import RATED_RPM, REACHED_RPM, TRANSIENT_NS, SoakAxis, ViolationError, require
 from tests.long.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
 from tests.support.plc.cycling import CyclingPlc
 
@@ -192,7 +192,7 @@ class SoakRun:
                         raise ViolationError(f"replayed otherwise: {result.differences[0]}")
         return count
 
-    def play(self, until: int) -> None:
+    def run_to(self, until: int) -> None:
         """Run until a time of the day. ViolationError when a safety rule is violated."""
         with _logging_to(self.trace):
             if self.loop.now() == self.begin:
@@ -449,7 +449,7 @@ class SoakRun:
             self._touch(disturbance, axis)
         self._check_gap(now)
         self.restart_gateway()
-        quiet = now - self._quiet_since > SETTLED_NS
+        quiet = now - self._quiet_since > TRANSIENT_NS
         plc_there = self._runs and now - self._arrived <= self._watchdog_ns + self.cycle_ns
         port = self.gateway_port
         bus_there = port.connected and not port.bus_off and not self.bus.shorted

@@ -23,7 +23,7 @@ STOP_BOUND_NS: Final = 1000 * MS
 """The drive's own heartbeat monitoring (300 ms), a quick stop from full speed (300 ms), and the cycles for detection."""
 RAMP_BOUND_NS: Final = 2500 * MS
 """The same with the ramp of on_plc_loss = "ramp" from full speed."""
-SETTLED_NS: Final = 400 * MS
+TRANSIENT_NS: Final = 400 * MS
 """Time without changes before displayed states are compared."""
 HELD_NS: Final = 20 * MS
 """A controller without connection keeps an Enable Operation; SocketCAN cannot remove it. When the bus returns, the stop
@@ -84,7 +84,7 @@ class SoakAxis:
         """Start of an active OFF2 or OFF3,"""
         self._stops = 0
         """and which one (the bits of STW1 that are 0)."""
-        self._uncertain = -SETTLED_NS
+        self._uncertain = -TRANSIENT_NS
         """When the last frame came that the gateway may not use."""
         self._commanded = 0
         """Bits 0 to 3 of the last Controlword."""
@@ -243,7 +243,7 @@ class SoakAxis:
         """
         self.drive.node.catch_up(now)
         self._measure(now)
-        model, settled = self.drive.model, SETTLED_NS + self.late_ns
+        model, settled = self.drive.model, TRANSIENT_NS + self.late_ns
         seen = Seen(self._commanded)
         # A positioner starts blocks by itself, and jogs.
         seen.moves = self.words.telegram.number not in POSITIONER_TELEGRAM_NUMBERS
@@ -266,7 +266,7 @@ class SoakAxis:
             self._lost_since = now
         model = self.drive.model
         # By an Enable Operation that was sent before the gateway noticed the loss.
-        held = now - self._began <= HELD_NS and self._enabled < self._lost_since + SETTLED_NS
+        held = now - self._began <= HELD_NS and self._enabled < self._lost_since + TRANSIENT_NS
         if model.state in POWERED and abs(model.ramp.speed) > _STANDSTILL_RPM and not held:
             seen.age = now - max(self._lost_since, self._disturbed_until)
         ramp = self.plan.on_plc_loss is PlcLossReaction.RAMP
@@ -280,8 +280,8 @@ class SoakAxis:
         if self._stop_since is None:
             return
         since = max(self._stop_since, self._disturbed_until, self._reached_since)
-        if now - since > self.in_force_ns + SETTLED_NS:
-            brakes = self.plan.on_plc_loss is PlcLossReaction.QUICK_STOP and now - self._uncertain <= SETTLED_NS
+        if now - since > self.in_force_ns + TRANSIENT_NS:
+            brakes = self.plan.on_plc_loss is PlcLossReaction.QUICK_STOP and now - self._uncertain <= TRANSIENT_NS
             seen.off2 = self._stops & _NO_OFF2 != 0 and not brakes
             seen.off3 = not seen.off2
 
@@ -298,4 +298,4 @@ class SoakAxis:
         word, apart = int.from_bytes(self._asked[:2], "big"), self._apart_since
         if apart is None or word & _MOVES != _MOVES or not zsw1 & ZSW1_OPERATION:
             return True
-        return now - apart <= SETTLED_NS + self.late_ns
+        return now - apart <= TRANSIENT_NS + self.late_ns

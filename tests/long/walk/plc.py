@@ -117,7 +117,7 @@ def with_life(made: Iterable[Plc]) -> Iterator[Plc]:
             yield item
         else:
             yield from (
-                item._replace(name=f"{item.name} {life.value}", life=life) for life in (Life.COUNTS, Life.STANDS)
+                item._replace(name=f"{item.name} {life.value}", life=life) for life in (Life.COUNTS, Life.CONSTANT)
             )
 
 

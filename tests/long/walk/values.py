@@ -32,7 +32,7 @@ class Life(enum.Enum):
     NONE = ""
     """It is 0."""
     COUNTS = "counts"
-    STANDS = "stands"
+    CONSTANT = "constant"
 
 
 class Plc(NamedTuple):

@@ -110,16 +110,16 @@ def test_the_table_is_total() -> None:
 @pytest.mark.parametrize("state", State, ids=lambda state: state.name)
 def test_every_state_and_event_leads_where_the_standard_says(state: State, event: Event) -> None:
     item = machine()
-    told = notification()
+    reported = notification()
     if state is not IDLE:
-        item.send(told, 0)
+        item.send(reported, 0)
     if state is ACKED:
         item.receive(pdu(PduType.ACK, 0xFFFE, 0xFFFF), START, 0)
     assert item.state is state
     item.frames.clear()
-    content = alarm_ack(told)
+    content = alarm_ack(reported)
     if event is Event.SEND:
-        assert item.send(told, 1) is (state is IDLE)
+        assert item.send(reported, 1) is (state is IDLE)
     elif event is Event.ACK:
         item.receive(pdu(PduType.ACK, 0xFFFE, 0xFFFF), START, 1)
     elif event is Event.ALARM_ACK:
@@ -150,7 +150,7 @@ def test_every_state_and_event_leads_where_the_standard_says(state: State, event
         item.receive(pdu(PduType.DATA, peer, 0xFFFF, content), START, 2)
         assert item.state is IDLE
     item.frames.clear()
-    assert item.send(told, 3)
+    assert item.send(reported, 3)
     assert [fields(frame)[:2] for frame in item.frames] == [(PduType.DATA, 0x0000 if finished else 0xFFFF)]
 
 
@@ -160,11 +160,11 @@ def test_sequence_numbers_start_at_ffff_and_wrap_below_8000() -> None:
     for turn in range(8):
         if turn == 4:  # the numbers between have nothing of their own
             own = peer = item._sequence = item._expected = 0x7FFE
-        told = notification()
-        assert item.send(told, 0)
+        reported = notification()
+        assert item.send(reported, 0)
         assert fields(item.frames.pop())[1] == own
         item.receive(pdu(PduType.ACK, 0, own), START, 0)
-        item.receive(pdu(PduType.DATA, peer, own, alarm_ack(told)), START, 0)
+        item.receive(pdu(PduType.DATA, peer, own, alarm_ack(reported)), START, 0)
         assert fields(item.frames.pop()) == (PduType.ACK, own, peer)
         own, peer = apmx.following(own), apmx.following(peer)
     assert own == 2
@@ -181,13 +181,13 @@ def test_a_repetition_has_the_same_sequence_number_and_the_number_of_them_is_agr
 
 def test_each_notification_has_all_its_repetitions() -> None:
     item = machine()
-    told = notification()
-    item.send(told, 0)
+    reported = notification()
+    item.send(reported, 0)
     for attempt in range(1, 4):
         item.poll(attempt * 100 * MS)
-    item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFF, alarm_ack(told)), START, 301 * MS)
+    item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFF, alarm_ack(reported)), START, 301 * MS)
     item.frames.clear()
-    item.send(told, 400 * MS)
+    item.send(reported, 400 * MS)
     for attempt in range(5, 8):
         item.poll(attempt * 100 * MS)
     assert len(item.frames) == 4
@@ -202,10 +202,10 @@ def test_each_notification_has_all_its_repetitions() -> None:
 )
 def test_an_alarm_exchange_byte_by_byte(priority: Priority, frame_id: str, tag: str, ack_block: int) -> None:
     item = AlarmMachine(RELATION, priority)
-    told = notification()
-    item.send(told, 0)
+    reported = notification()
+    item.send(reported, 0)
     head = f"020000000001 020000000002 8100{tag} 8892 {frame_id} 0042 0007"
-    content = told.block.encode()
+    content = reported.block.encode()
     data = bytes.fromhex(f"{head} 11 11 ffff fffe {len(content):04x}") + content
     assert item.frames == [data.ljust(60, b"\0")]
     item.frames.clear()
@@ -213,7 +213,7 @@ def test_an_alarm_exchange_byte_by_byte(priority: Priority, frame_id: str, tag: 
     assert not item.receive(bytes(START) + ack, START, 1)
     assert item.state is State.WAIT_ALARM_ACK
     block = ACKS[priority](
-        alarm_type=1, api=told.block.api, slot=1, subslot=1, specifier=told.block.specifier, status=0
+        alarm_type=1, api=reported.block.api, slot=1, subslot=1, specifier=reported.block.specifier, status=0
     ).encode()
     assert int.from_bytes(block[:2], "big") == ack_block
     answer = bytes.fromhex(f"{frame_id} 0007 0042 11 11 ffff ffff {len(block):04x}") + block
@@ -225,9 +225,9 @@ def test_an_alarm_exchange_byte_by_byte(priority: Priority, frame_id: str, tag: 
 
 def test_answer_to_another_notification_is_ignored() -> None:
     item = machine()
-    told = notification()
-    item.send(told, 0)
-    item.receive(pdu(PduType.DATA, 0xFFFF, 0x0000, alarm_ack(told)), START, 0)
+    reported = notification()
+    item.send(reported, 0)
+    item.receive(pdu(PduType.DATA, 0xFFFF, 0x0000, alarm_ack(reported)), START, 0)
     assert item.state is State.WAIT_ACK
 
 
@@ -265,11 +265,11 @@ def test_data_without_alarm_ack_is_acknowledged_but_finishes_nothing() -> None:
 
 def test_an_alarm_ack_of_another_alarm_is_acknowledged_but_finishes_nothing() -> None:
     item = machine()
-    told = notification()
-    item.send(told, 0)
-    item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFF, alarm_ack(told, slot=9)), START, 0)
+    reported = notification()
+    item.send(reported, 0)
+    item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFF, alarm_ack(reported, slot=9)), START, 0)
     assert item.state is State.WAIT_ACK
-    item.receive(pdu(PduType.DATA, 0x0000, 0xFFFF, alarm_ack(told, status=0xDE80B000)), START, 0)
+    item.receive(pdu(PduType.DATA, 0x0000, 0xFFFF, alarm_ack(reported, status=0xDE80B000)), START, 0)
     assert (item.state, item.refused) == (State.IDLE, 1)
 
 
@@ -285,9 +285,9 @@ def test_each_alarm_of_a_relationship_has_the_next_sequence_number_and_its_own_p
             diagnosis.clear((2, 1), MessageClass.MAINS)
         else:
             diagnosis.set((2, 1), MessageClass.MAINS)
-        told = item.next()
-        assert told is not None
-        block = told.block
+        reported = item.next()
+        assert reported is not None
+        block = reported.block
         assert (block.api, block.slot, block.subslot) == (0x3A00, 2, 1)
         assert (block.module_ident, block.submodule_ident) == (0x1001, 0x1FFFF)
         assert block.specifier & 0x7FF == number & 0x7FF
@@ -300,8 +300,8 @@ def test_returning_submodules_of_the_project_are_reported_in_order() -> None:
     for place in ((3, 2), (2, 2), (1, 2), (3, 2)):
         item.returned(place)
     found = [item.next() for _ in range(3)]
-    told = [(entry.block.slot, entry.block.specifier, entry.block.payload) for entry in found if entry is not None]
-    assert told == [(3, 0, b""), (1, 1, b"")]
+    reported = [(entry.block.slot, entry.block.specifier, entry.block.payload) for entry in found if entry is not None]
+    assert reported == [(3, 0, b""), (1, 1, b"")]
 
 
 def test_the_record_of_diagnosis_names_the_place_of_each_entry() -> None:
@@ -321,7 +321,7 @@ def test_the_record_of_diagnosis_names_the_place_of_each_entry() -> None:
 # -- through a device and a controller --------------------------------------------------------------------------------
 
 
-def told(wire: Wire) -> list[tuple[int, tuple[int, int], int]]:
+def reported(wire: Wire) -> list[tuple[int, tuple[int, int], int]]:
     """Alarm type, place and error type (0 without)."""
     return [
         (item.alarm_type, (item.slot, item.subslot), int.from_bytes(item.payload[6:8], "big"))
@@ -336,11 +336,11 @@ def test_each_class_of_a_drive_appears_and_disappears_once() -> None:
         wire.device.set_diagnosis(POINT, number)
         wire.device.set_diagnosis(POINT, number)
     wire.run(200 * MS)
-    assert told(wire) == [(AlarmType.DIAGNOSIS, POINT, number) for number in MessageClass]
+    assert reported(wire) == [(AlarmType.DIAGNOSIS, POINT, number) for number in MessageClass]
     wire.plc.learned.alarms.clear()
     wire.device.clear_diagnosis(POINT)
     wire.run(200 * MS)
-    assert told(wire) == [(AlarmType.DIAGNOSIS_DISAPPEARS, POINT, number) for number in MessageClass]
+    assert reported(wire) == [(AlarmType.DIAGNOSIS_DISAPPEARS, POINT, number) for number in MessageClass]
     last: list[AlarmNotification] = wire.plc.learned.alarms
     specifiers = [int.from_bytes(item.payload[4:6], "big") >> 11 & 3 for item in last]
     assert specifiers == [3] * (len(last) - 1) + [2]
@@ -355,7 +355,7 @@ def test_new_controller_gets_the_present_diagnosis() -> None:
     wire.device.set_diagnosis((3, 1), MessageClass.TEMPERATURE, severity=Severity.MAINTENANCE_REQUIRED)
     wire.connect()
     wire.run(100 * MS)
-    assert told(wire) == [
+    assert reported(wire) == [
         (AlarmType.DIAGNOSIS, POINT, MessageClass.SAFETY),
         (AlarmType.DIAGNOSIS, (3, 1), MessageClass.TEMPERATURE),
     ]
@@ -373,7 +373,7 @@ def test_intermittent_fault_does_not_fill_the_alarm_queue() -> None:
         wire.device.clear_diagnosis(POINT, MessageClass.MAINS)
     wire.plc.answer_alarms = True
     wire.run(500 * MS)
-    assert [kind for kind, _, _ in told(wire)] == [AlarmType.DIAGNOSIS, AlarmType.DIAGNOSIS_DISAPPEARS]
+    assert [kind for kind, _, _ in reported(wire)] == [AlarmType.DIAGNOSIS, AlarmType.DIAGNOSIS_DISAPPEARS]
 
 
 def test_returning_drive_is_one_return_of_submodule_alarm() -> None:
@@ -382,7 +382,7 @@ def test_returning_drive_is_one_return_of_submodule_alarm() -> None:
     wire.device.returned((1, 2))
     wire.device.returned((1, 2))
     wire.run(50 * MS)
-    assert told(wire) == [(AlarmType.RETURN_OF_SUBMODULE, (1, 2), 0)]
+    assert reported(wire) == [(AlarmType.RETURN_OF_SUBMODULE, (1, 2), 0)]
 
 
 def test_a_controller_that_acknowledges_no_alarm_loses_its_relationship() -> None:
@@ -393,7 +393,7 @@ def test_a_controller_that_acknowledges_no_alarm_loses_its_relationship() -> Non
     since = wire.now
     wire.run(2000 * MS, lambda: not wire.device.connected)
     assert wire.now - since == 4 * 100 * MS
-    (event,) = wire.told(Disconnected)
+    (event,) = wire.reported(Disconnected)
     assert event.ended.code is AbortCode.ALARM_UNACKNOWLEDGED
 
 

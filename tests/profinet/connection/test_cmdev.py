@@ -244,7 +244,7 @@ def pass_time(wire: Wire, ns: int) -> None:
 
 
 def ended(wire: Wire) -> AbortCode:
-    (event,) = wire.told(Disconnected)
+    (event,) = wire.reported(Disconnected)
     code = event.ended.code
     assert isinstance(code, AbortCode)
     return code
@@ -293,7 +293,7 @@ def test_controller_without_data_after_its_confirmation_is_aborted() -> None:
     wire.plc.start(0)
     wire.run(5 * S, lambda: wire.plc.provider is not None)
     wire.plc.provider = None
-    wire.run(5 * S, lambda: bool(wire.told(Disconnected)))
+    wire.run(5 * S, lambda: bool(wire.reported(Disconnected)))
     assert ended(wire) is AbortCode.ACTIVITY_TIMEOUT
 
 
@@ -302,7 +302,7 @@ def test_restarted_controller_replaces_its_old_relationship() -> None:
     wire.connect()
     wire.run(20 * MS)
     wire.connect()
-    assert [event.ended.code for event in wire.told(Disconnected)] == [AbortCode.RE_RUN]
+    assert [event.ended.code for event in wire.reported(Disconnected)] == [AbortCode.RE_RUN]
     wire.run(S)
     assert wire.device.connected
 
@@ -344,7 +344,7 @@ def test_endless_reparameterisation_is_aborted() -> None:
     begin = replace(PRM_BEGIN, ar_uuid=wire.plc.ar_uuid, session_key=wire.plc.session)
     assert not control(Caller(wire), begin, Operation.CONTROL).value
     since = wire.now
-    wire.run(10 * S, lambda: bool(wire.told(Disconnected)))
+    wire.run(10 * S, lambda: bool(wire.reported(Disconnected)))
     assert ended(wire) is AbortCode.ACTIVITY_TIMEOUT
     assert 300 * MS <= wire.now - since <= 310 * MS
 

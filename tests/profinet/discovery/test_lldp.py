@@ -124,7 +124,7 @@ def test_a_lifetime_is_its_first_two_bytes() -> None:
     assert lldp.decode(MAC * 2 + bytes.fromhex("88cc" + tlvs), 14, 0).lifetime_ns == 12 * SECOND
 
 
-def told_by_a_neighbour(lifetime_s: int) -> bytes:
+def frame_of_a_neighbour(lifetime_s: int) -> bytes:
     suite = IpSuite(IPv4Address("192.168.0.1"), IPv4Address("255.255.255.0"))
     frame = lldp.encode(Station(Identity(bytes.fromhex("020000000007"), 1, 1, "plc", "PLC"), "plc-1", suite))
     ttl = frame.index(bytes.fromhex("06020014"))
@@ -139,16 +139,16 @@ def test_neighbour_is_kept_for_its_lifetime_and_removed_with_the_cable() -> None
         neighbour = wire.station.neighbour
         return neighbour.alias if neighbour else ""
 
-    device.on_frame(told_by_a_neighbour(12), 0)
+    device.on_frame(frame_of_a_neighbour(12), 0)
     assert known() == "port-001.plc-1"
     wire.run(12 * SECOND)
     assert known()
     wire.run(5 * SECOND)
     assert not known(), "he fell silent"
-    device.on_frame(told_by_a_neighbour(12), wire.now)
-    device.on_frame(told_by_a_neighbour(0), wire.now)
+    device.on_frame(frame_of_a_neighbour(12), wire.now)
+    device.on_frame(frame_of_a_neighbour(0), wire.now)
     assert not known(), "he says goodbye"
-    device.on_frame(told_by_a_neighbour(12), wire.now)
+    device.on_frame(frame_of_a_neighbour(12), wire.now)
     device.on_link(False, wire.now)
     assert not known()
     device.on_frame(lldp.encode(wire.station), wire.now)

@@ -196,7 +196,7 @@ class _Counted(bytes):
         return super().__len__()
 
 
-def test_a_fragment_costs_as_much_behind_a_thousand_others_as_the_first() -> None:
+def test_a_fragment_costs_as_much_after_a_thousand_others_as_the_first() -> None:
     parts = Reassembly(1 << 15)
     for number in range(1000):
         assert parts.add(replace(HEADER, flags=Flags.FRAGMENT, fragment=number), _Counted(b"1")) is None
@@ -204,7 +204,7 @@ def test_a_fragment_costs_as_much_behind_a_thousand_others_as_the_first() -> Non
 
 
 @pytest.mark.parametrize("first", [1, 3], ids=["the last one first", "behind the last one first"])
-def test_a_fragment_behind_the_last_one_is_refused(first: int) -> None:
+def test_a_fragment_after_the_last_one_is_refused(first: int) -> None:
     """Else each of thousands would search for the one that is missing."""
     parts = Reassembly(1 << 15)
     last = replace(HEADER, flags=Flags.FRAGMENT | Flags.LAST_FRAGMENT, fragment=1)
@@ -244,7 +244,7 @@ def test_an_answer_longer_than_the_caller_has_room_for_is_refused() -> None:
     assert codes == [0, 0xDE80B800]
 
 
-def test_an_answer_longer_than_the_record_wanted_is_refused_whatever_room_there_is() -> None:
+def test_an_answer_longer_than_the_requested_record_is_refused() -> None:
     server = RecordServer(Echo(record=bytes(401)), 4096)
     header = replace(HEADER, operation=Operation.READ, fragment=0)
     (answer,) = server.receive(dcerpc.encode_packet(header, encode_arguments(4096, READ, 4096, little=True)), "plc")
@@ -293,7 +293,7 @@ def test_unfinished_calls_of_others_cause_no_second_execution() -> None:
     assert len(handler.writes) == 12
 
 
-def test_a_record_of_exactly_the_length_wanted_is_no_error() -> None:
+def test_a_record_of_exactly_the_requested_length_is_accepted() -> None:
     server = RecordServer(Echo(record=bytes(400)), 4096)
     assert finish(caller(max_record=400).read(0, 0, 1, 0x1234), server).data == bytes(400)
 
@@ -417,7 +417,7 @@ def test_only_the_answer_to_this_call_counts() -> None:
     assert isinstance(call.receive(answer), RecordResult)
 
 
-def test_fragments_of_an_answer_are_acknowledged_where_the_device_wants_it() -> None:
+def test_fragments_of_an_answer_are_acknowledged_if_the_device_requests_it() -> None:
     server = RecordServer(Echo(record=bytes(3000)), 4096)
     call = caller().read(0, 0, 1, 0x1234)
     first, *others = server.receive(call.packets[0], "plc")

@@ -106,7 +106,7 @@ class PositionerRig:
             self._move(result.motion)
         return self.result
 
-    def settle(self, cycles: int = 4000) -> PositionerResult:
+    def run_out(self, cycles: int = 4000) -> PositionerResult:
         """Run until the axis was at standstill for some cycles."""
         still = 0
         for _ in range(cycles):
@@ -114,7 +114,7 @@ class PositionerRig:
             still = still + 1 if not self.speed else 0
             if still > 8 + self.delay:
                 return self.result
-        raise AssertionError(f"does not settle: {self.result}")
+        raise AssertionError(f"does not come to rest: {self.result}")
 
     def home(self) -> None:
         """Set the reference point at the present position; from now on the software limits are active."""

@@ -35,7 +35,7 @@ class StateMachine:
         """and its cause goes."""
         self._cause = False
 
-    def settle(self, word: int) -> int:
+    def run_out(self, word: int) -> int:
         """The bits of ZSW1 with this STW1."""
         edge = word & ~self._word & ACKNOWLEDGE
         self._word = word

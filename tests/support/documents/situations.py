@@ -26,7 +26,7 @@ from tests.support.gateways import profinet_daemon
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
 from tests.support.page import ShownGateway, look
 
-SETTLED = 1500 * MS
+TRANSIENT_NS = 1500 * MS
 """By then every loss is found and every attempt to bring a node up again has failed once."""
 Step = Callable[[Plc, Daemon], None]
 
@@ -61,7 +61,7 @@ def at_situation(situation: Situation, link: str = "udp") -> Iterator[tuple[Daem
         if situation.operates:
             plc.enable()
         situation.begin(plc, plc.daemon)
-        settle(plc)
+        run_out(plc)
         yield plc.daemon, plc
 
 
@@ -150,7 +150,7 @@ def clear_bits(plc: Plc, mask: int) -> None:
     plc.endpoint.set(0, {"STW1": plc.endpoint.setpoints[0]["STW1"] & ~mask})
 
 
-def settle(plc: Plc, ns: int = SETTLED) -> None:
+def run_out(plc: Plc, ns: int = TRANSIENT_NS) -> None:
     """Exchange for this time."""
     end = plc.loop.now() + ns
     while plc.loop.now() < end:
@@ -160,9 +160,9 @@ def settle(plc: Plc, ns: int = SETTLED) -> None:
 def _take_enables(plc: Plc, daemon: Daemon) -> None:
     """The drive's own enables go, and the PLC tries again."""
     drive_of(daemon).model.disguises.append(show_not_enabled)
-    settle(plc)
+    run_out(plc)
     plc.endpoint.set(0, {"STW1": OFF})
-    settle(plc)
+    run_out(plc)
     plc.endpoint.set(0, {"STW1": ON})
 
 
@@ -251,14 +251,14 @@ def _idle(plc: Plc, _: Daemon) -> None:
 
 def _fault_then_silence(plc: Plc, daemon: Daemon) -> None:
     drive_of(daemon).inject(7)
-    settle(plc)
+    run_out(plc)
     plc.silent = True
 
 
 def _on_too_early(plc: Plc, _: Daemon) -> None:
     """After a loss of the PLC, the first frame has ON."""
     plc.silent = True
-    settle(plc)
+    run_out(plc)
     plc.silent = False
 
 

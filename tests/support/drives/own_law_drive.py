@@ -139,11 +139,11 @@ def _objects(law: Law) -> tuple[ObjectSpec, ...]:
         *communication_objects(0x0002_0192, law.name, (*law.identity, 1, 4711), ("1", "1")),
         *pdo_objects(4, 4, mapped),
         *own,
-        *_told(law.objects),
+        *_specs(law.objects),
     )
 
 
-def _told(objects: Mapping[tuple[int, int], int]) -> list[ObjectSpec]:
+def _specs(objects: Mapping[tuple[int, int], int]) -> list[ObjectSpec]:
     specs = []
     for index in sorted({index for index, _ in objects}):
         values = {subindex: value for (found, subindex), value in objects.items() if found == index}

@@ -26,7 +26,7 @@ from pdgw.peers.world import World
 _WAITING = (canopen.sdo.client, canopen.pdo.base, canopen.nmt, canopen.emcy, canopen.profiles.p402)
 
 
-def _play_until(world: World, condition: Any, timeout_s: float) -> bool:
+def _run_until(world: World, condition: Any, timeout_s: float) -> bool:
     """Run the world until the condition is true. False after this number of its seconds."""
     try:
         world.loop.until(condition, "what canopen waits for", int(timeout_s * SECOND))
@@ -44,7 +44,7 @@ class _Queue(queue.Queue[bytes]):
 
     def get(self, block: bool = True, timeout: float | None = None) -> bytes:
         if block:
-            _play_until(self._world, lambda: not self.empty(), timeout or 0.0)
+            _run_until(self._world, lambda: not self.empty(), timeout or 0.0)
         return super().get(block=False)
 
 
@@ -66,7 +66,7 @@ class _Condition:
 
     def wait(self, timeout: float) -> bool:
         self._told = False
-        return _play_until(self._world, lambda: self._told, timeout)
+        return _run_until(self._world, lambda: self._told, timeout)
 
 
 class Master(canopen.Network):  # type: ignore[misc]

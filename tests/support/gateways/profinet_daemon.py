@@ -222,7 +222,7 @@ class ControllerPlc(Plc):
         return None if data is None or len(data) != half.size else half.decode(data)
 
 
-def parameterise_anew(site: Plant) -> None:
+def parameterise_again(site: Plant) -> None:
     """The controller keeps sending, but its data does not count until it has finished."""
     plc = site.plc
     block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=ControlCommand.PRM_BEGIN)

@@ -67,7 +67,7 @@ def now() -> int:
     return _worlds[-1].loop.now()
 
 
-def play(duration: int) -> None:
+def pass_time(duration: int) -> None:
     """Run the world for this number of nanoseconds."""
     _worlds[-1].loop.run_for(duration)
 
@@ -77,7 +77,7 @@ def wait_for(condition: Callable[[], object], what: str, seconds: float = 10) ->
     deadline = now() + int(seconds * SECOND)
     while not condition():
         assert now() < deadline, f"not within {seconds} s: {what}"
-        play(_STEP_NS)
+        pass_time(_STEP_NS)
 
 
 def result(future: Future[T], seconds: float = 10) -> T:

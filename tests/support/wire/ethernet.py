@@ -42,9 +42,9 @@ class FakeEthernet:
     def listen(self, *, on: bool) -> None:
         self.listening = on
         if on and self.real_time:
-            self.loop.call_later(0, self._told)
+            self.loop.call_later(0, self._received)
 
-    def _told(self) -> None:
+    def _received(self) -> None:
         if self.listening and self.real_time:
             self.on_real_time()
 
@@ -83,4 +83,4 @@ class FakeEthernet:
             self.on_other()
         else:
             self.real_time.append(data)
-            self._told()
+            self._received()

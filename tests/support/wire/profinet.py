@@ -165,7 +165,7 @@ class Wire:
         self.run(20_000 * MS, lambda: self.device.connected and self.plc.phase is Phase.DATA)
         assert self.device.connected, (self.plc.phase, self.plc.learned)
 
-    def told(self, kind: type[DeviceEvent]) -> list[Any]:
+    def reported(self, kind: type[DeviceEvent]) -> list[Any]:
         """Events of this kind until now."""
         return [event for event in self.events if isinstance(event, kind)]
 

@@ -140,7 +140,7 @@ def test_reading_p922_shows_the_telegram_too() -> None:
     assert telegrams == [(2, 100)]
 
 
-def test_a_description_of_the_telegram_parameter_is_no_telegram() -> None:
+def test_a_description_of_the_telegram_parameter_is_not_a_telegram() -> None:
     decoder, telegrams = observed()
     exchange = Exchange()
     exchange.write(

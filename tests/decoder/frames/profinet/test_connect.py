@@ -161,7 +161,7 @@ def test_frames_are_read_as_the_connect_places_them(axes: tuple[int, ...]) -> No
         assert {(unit.iops, unit.iocs) for unit in record.units} == {(IOPS_GOOD, IOPS_GOOD)}
 
 
-def test_plain_modules_are_no_drive_objects() -> None:
+def test_plain_modules_are_not_drive_objects() -> None:
     """Their data may be as long as a telegram's: only PROFIdrive's API has telegrams."""
     decoder = Decoder()
     _, answered = decode(decoder, connect_packets(api_number=0))

@@ -13,7 +13,7 @@ from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement, DriveWatch
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import FaultRead, NodeNotice, Notice, Outputs
-from tests.gateway.axis.supervision.test_stop_supervision import CYCLE, QUICK_STOP, REACTION, deaf, turning
+from tests.gateway.axis.supervision.test_stop_supervision import CYCLE, QUICK_STOP, REACTION, turning, without_reaction
 from tests.gateway.axis.test_velocity import CONTROL
 from tests.support.axis.hand import OFF, ON, Hand
 from tests.support.drives.drive_types import engel
@@ -116,9 +116,9 @@ def test_a_drive_that_may_have_power_brakes_when_its_references_are_lost(*, enab
 @pytest.mark.parametrize("state", State, ids=lambda state: state.name)
 def test_the_brakes_are_released_by_each_state_without_power_and_by_no_other(state: State) -> None:
     bench = turning()
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     bench.drive.feedback.statusword = STATUS_OF[state]
-    assert deaf(bench, QUICK_STOP, 1) is (Brake.NMT_STOP if state in WITH_POWER else Brake.NONE)
+    assert without_reaction(bench, QUICK_STOP, 1) is (Brake.NMT_STOP if state in WITH_POWER else Brake.NONE)
 
 
 @pytest.mark.parametrize(("share", "window"), [(Fraction(1, 100), 60), (Fraction(1, 20), 300), (Fraction(0), 1)])

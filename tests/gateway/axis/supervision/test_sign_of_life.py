@@ -92,7 +92,7 @@ def test_off2_without_sign_of_life_takes_the_voltage_off() -> None:
     assert rig.stepper.command.controlword & 0xF == 0x0
 
 
-def test_frame_without_control_after_a_loss_is_no_new_connection() -> None:
+def test_frame_without_control_after_a_loss_is_not_a_new_connection() -> None:
     """The gateway brakes a drive in operation that no PLC commanded, as without a PLC, until a frame with control arrives."""
     hand = Hand(2, engel(), Mode.VELOCITY, {}, sign_of_life_failures=0)
     hand(OFF, State.SWITCH_ON_DISABLED, STW2=1 << 12)

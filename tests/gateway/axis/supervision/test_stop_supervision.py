@@ -28,7 +28,7 @@ def turning(**settings: object) -> Bench:
     return bench
 
 
-def deaf(bench: Bench, word: int | None, cycles: int) -> Brake:
+def without_reaction(bench: Bench, word: int | None, cycles: int) -> Brake:
     """The drive keeps its state, whatever it is sent."""
     feedback = bench.drive.feedback
     for _ in range(cycles):
@@ -44,8 +44,8 @@ def numbers(bench: Bench) -> list[int]:
 @pytest.mark.parametrize("word", [OFF, COAST, QUICK_STOP, ON & ~0x400, None])
 def test_drive_that_ignores_a_stop_gets_nmt_stop_and_one_fault(word: int | None) -> None:
     bench = turning()
-    assert deaf(bench, word, REACTION // CYCLE) is Brake.NONE
-    assert deaf(bench, word, 20) is Brake.NMT_STOP
+    assert without_reaction(bench, word, REACTION // CYCLE) is Brake.NONE
+    assert without_reaction(bench, word, 20) is Brake.NMT_STOP
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 1
     assert "speed 3000" in bench.stepper.events[-1].text
 
@@ -65,67 +65,69 @@ def test_quick_stop_is_supervised_by_speed_while_the_statusword_changes() -> Non
 
 def test_heartbeat_is_withheld_from_a_node_that_ignores_nmt_stop() -> None:
     bench = turning()
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     bench.drive_ok = False
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 1) is Brake.WITHHOLD_HEARTBEAT
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 1) is Brake.WITHHOLD_HEARTBEAT
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 1
 
 
 def test_heartbeat_continues_for_a_node_in_nmt_stopped() -> None:
     bench = turning()
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     bench.drive_ok = False
     bench.stepper.machine.inputs.node_stopped = True
-    assert deaf(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
 
 
 def test_heartbeat_continues_during_bring_up_after_nmt_stopped() -> None:
     """For the bring-up the gateway itself ends NMT Stopped; other nodes continue."""
     bench = turning()
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     inputs = bench.stepper.machine.inputs
     inputs.node_stopped = True
-    deaf(bench, QUICK_STOP, 3)
+    without_reaction(bench, QUICK_STOP, 3)
     bench.drive_ok = inputs.node_stopped = False
-    assert deaf(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
 
 
 def test_heartbeat_is_withheld_if_the_drive_turns_after_nmt_stop_and_bring_up() -> None:
     bench = turning()
-    deaf(bench, QUICK_STOP, REACTION // CYCLE + 20)
+    without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20)
     inputs = bench.stepper.machine.inputs
     inputs.node_stopped = True
-    assert deaf(bench, QUICK_STOP, 3) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, 3) is Brake.NMT_STOP
     inputs.node_stopped = False
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE) is Brake.NONE, "a stop that is commanded again has its time"
-    assert deaf(bench, QUICK_STOP, 20) is Brake.WITHHOLD_HEARTBEAT
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE) is Brake.NONE, (
+        "a stop that is commanded again has its time"
+    )
+    assert without_reaction(bench, QUICK_STOP, 20) is Brake.WITHHOLD_HEARTBEAT
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 2
 
 
 def test_next_stop_after_power_off_starts_with_nmt_again() -> None:
     bench = turning()
-    deaf(bench, QUICK_STOP, REACTION // CYCLE + 20)
+    without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20)
     inputs = bench.stepper.machine.inputs
     inputs.node_stopped = True
-    deaf(bench, QUICK_STOP, 3)
+    without_reaction(bench, QUICK_STOP, 3)
     inputs.node_stopped = False
     bench.drive.restart()
-    assert deaf(bench, OFF, 2) is Brake.NONE
+    assert without_reaction(bench, OFF, 2) is Brake.NONE
     bench.operate(0x2000)
     bench.step(ON, 0x2000, cycles=10)
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
 
 
 def test_nmt_stop_is_released_by_power_off_and_not_by_configuration() -> None:
     bench = turning()
-    deaf(bench, QUICK_STOP, 2 * REACTION // CYCLE + 40)
+    without_reaction(bench, QUICK_STOP, 2 * REACTION // CYCLE + 40)
     bench.drive_ok = False
-    assert deaf(bench, QUICK_STOP, 10) is Brake.WITHHOLD_HEARTBEAT
+    assert without_reaction(bench, QUICK_STOP, 10) is Brake.WITHHOLD_HEARTBEAT
     bench.drive_ok = True
     bench.stepper.machine.inputs.news.append(Configured(bench.stepper.drive_type))
-    assert deaf(bench, QUICK_STOP, 3) is Brake.WITHHOLD_HEARTBEAT
+    assert without_reaction(bench, QUICK_STOP, 3) is Brake.WITHHOLD_HEARTBEAT
     bench.drive.restart()
-    assert deaf(bench, OFF, 2) is Brake.NONE
+    assert without_reaction(bench, OFF, 2) is Brake.NONE
     bench.operate()
 
 
@@ -138,8 +140,8 @@ def test_quick_stop_without_a_ramp_is_detected(speed: int) -> None:
     bench.step(QUICK_STOP, 0x2000)
     feedback.statusword = STATUS_OF[State.QUICK_STOP_ACTIVE] | StatusBit.VOLTAGE_ENABLED
     feedback.velocity_actual = speed
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE) is Brake.NONE
-    assert deaf(bench, QUICK_STOP, 20) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE) is Brake.NONE
+    assert without_reaction(bench, QUICK_STOP, 20) is Brake.NMT_STOP
 
 
 @pytest.mark.parametrize("seconds", [0.1, 1, 9, 11])
@@ -195,7 +197,7 @@ def test_acceleration_to_an_earlier_setpoint_is_accepted_during_a_stop() -> None
 def test_fault_reaction_of_the_drive_has_no_time_limit() -> None:
     bench = turning()
     bench.drive.feedback.statusword = STATUS_OF[State.FAULT_REACTION_ACTIVE]
-    assert deaf(bench, ON, 20 * REACTION // CYCLE) is Brake.NONE
+    assert without_reaction(bench, ON, 20 * REACTION // CYCLE) is Brake.NONE
     assert FaultNumber.STOP_IGNORED not in numbers(bench)
 
 
@@ -214,16 +216,16 @@ def test_reaction_time_restarts_after_a_short_exit_from_operation() -> None:
 
 def test_nmt_stop_is_released_by_power_off_without_an_off_of_the_plc() -> None:
     bench = turning()
-    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     bench.drive.feedback.statusword = STATUS_OF[State.SWITCH_ON_DISABLED]
     bench.drive.feedback.velocity_actual = 0
-    assert deaf(bench, None, 3) is Brake.NONE
+    assert without_reaction(bench, None, 3) is Brake.NONE
 
 
 def test_ignored_shutdown_at_standstill_is_detected() -> None:
     bench = turning()
     bench.drive.feedback.velocity_actual = 0
-    assert deaf(bench, OFF, REACTION // CYCLE + 3) is Brake.NMT_STOP
+    assert without_reaction(bench, OFF, REACTION // CYCLE + 3) is Brake.NMT_STOP
 
 
 @pytest.mark.parametrize("number", [1, 9, 100])
@@ -250,8 +252,8 @@ def test_drive_that_keeps_quick_stop_active_after_off2_gets_nmt_stop() -> None:
     bench = turning()
     bench.step(QUICK_STOP, 0x2000)
     bench.drive.feedback.statusword = STATUS_OF[State.QUICK_STOP_ACTIVE] | StatusBit.VOLTAGE_ENABLED
-    deaf(bench, QUICK_STOP, 10)
-    assert deaf(bench, COAST, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    without_reaction(bench, QUICK_STOP, 10)
+    assert without_reaction(bench, COAST, REACTION // CYCLE + 20) is Brake.NMT_STOP
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 1
 
 
@@ -260,10 +262,10 @@ def test_drive_that_never_shows_operation_gets_no_setpoint_and_then_quick_stop()
     bench.step(OFF, cycles=3)
     bench.step(ON, 0x2000)
     assert bench.drive.state is State.SWITCHED_ON
-    deaf(bench, ON, AxisSettings().enter_ns // CYCLE)
+    without_reaction(bench, ON, AxisSettings().enter_ns // CYCLE)
     command = bench.stepper.command
     assert (command.controlword & 0xF, command.target_velocity) == (0xF, 0)
-    deaf(bench, ON, 5)
+    without_reaction(bench, ON, 5)
     assert command.controlword & 0xF == 0x2
     assert numbers(bench) == [FaultNumber.NOT_ENTERED]
     assert bench.stepper.reason is Reason.NEEDS_OFF
@@ -271,23 +273,23 @@ def test_drive_that_never_shows_operation_gets_no_setpoint_and_then_quick_stop()
 
 def test_disable_operation_that_is_ignored_becomes_a_quick_stop() -> None:
     bench = turning(stop_time_ns=SECOND)
-    deaf(bench, ON & ~0x8, (REACTION + 2 * SECOND) // CYCLE)
+    without_reaction(bench, ON & ~0x8, (REACTION + 2 * SECOND) // CYCLE)
     assert bench.stepper.command.controlword & 0xF == 0x7, "it may brake on its ramp"
-    deaf(bench, ON & ~0x8, 5)
+    without_reaction(bench, ON & ~0x8, 5)
     assert bench.stepper.command.controlword & 0xF == 0x2
     assert numbers(bench) == [FaultNumber.NOT_ENTERED]
-    assert deaf(bench, ON & ~0x8, REACTION // CYCLE + 5) is Brake.NMT_STOP
+    assert without_reaction(bench, ON & ~0x8, REACTION // CYCLE + 5) is Brake.NMT_STOP
 
 
 @pytest.mark.parametrize("state", [State.READY_TO_SWITCH_ON, State.FAULT])
 @pytest.mark.parametrize("slows", [False, True])
 def test_shaft_that_does_not_slow_down_without_power_is_a_warning(state: State, slows: bool) -> None:
     bench = turning()
-    deaf(bench, QUICK_STOP, 2)
+    without_reaction(bench, QUICK_STOP, 2)
     feedback = bench.drive.feedback
     feedback.statusword = STATUS_OF[state]
     for _ in range(60):  # a fan coasts for minutes
-        deaf(bench, QUICK_STOP, int(SECOND // CYCLE))
+        without_reaction(bench, QUICK_STOP, int(SECOND // CYCLE))
         if slows:
             feedback.velocity_actual = int(0.99 * feedback.velocity_actual)
     assert numbers(bench).count(FaultNumber.TURNS_OFF) == (not slows)

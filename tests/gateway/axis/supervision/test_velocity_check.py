@@ -64,7 +64,7 @@ class Axis:
 
 
 @pytest.mark.parametrize("rpm", [60, -120, 3000])
-def test_matching_speed_is_no_contradiction(rpm: int) -> None:
+def test_matching_speed_is_not_a_contradiction(rpm: int) -> None:
     axis = Axis()
     assert axis.run(5, lambda at: rpm) is None
 
@@ -123,7 +123,7 @@ def test_directions_are_not_compared_with_different_polarities(factor: int) -> N
 @pytest.mark.parametrize("late_ms", [0, 20, 100, 200])
 @pytest.mark.parametrize("half_ms", [50, 100, 200, 300, 400, 500, 700, 1000])
 @pytest.mark.parametrize("ramp_ms", [0, 10, 50])
-def test_reversals_are_no_contradiction(late_ms: int, half_ms: int, ramp_ms: int) -> None:
+def test_reversals_are_not_contradictions(late_ms: int, half_ms: int, ramp_ms: int) -> None:
     """To and fro, also with a position that arrives later than the speed."""
 
     def rpm(at: float) -> float:
@@ -183,7 +183,7 @@ def test_growing_speed_at_a_constant_setpoint_is_a_contradiction() -> None:
         (lambda at: 200.0, lambda at: 0.0),  # dragged
     ],
 )
-def test_ramps_overshoot_and_load_are_no_contradiction(
+def test_ramps_overshoot_and_load_are_not_contradictions(
     rpm: Callable[[float], float], target: Callable[[float], float]
 ) -> None:
     axis = Axis()
@@ -223,7 +223,7 @@ def test_check_restarts_with_each_operation() -> None:
 
 
 @pytest.mark.parametrize("resting", [0, 1, 2])
-def test_jerky_motion_whose_period_equals_the_comparison_is_no_contradiction(resting: int) -> None:
+def test_jerky_motion_whose_period_equals_the_comparison_is_not_a_contradiction(resting: int) -> None:
     """DSC with few position updates jumps and rests, in the rhythm in which speeds are compared."""
     check = VelocityCheck(STOP_TIME)
     check.set_drive(scaling(), 30)

@@ -224,7 +224,7 @@ def cyclic(rig: Rig, values: bytes) -> bytes:
     return bytes(frame[:12] + frame[16:])  # the kernel takes the tag
 
 
-def test_nothing_more_is_looked_for_behind_a_frame_at_its_time_and_what_piled_up_is_taken_at_once(rig: Rig) -> None:
+def test_after_a_punctual_frame_nothing_is_read_and_a_backlog_is_read_at_once(rig: Rig) -> None:
     rig.connect()
     rig.run(20 * MS)
     cycle = 4 * MS
@@ -266,7 +266,7 @@ def test_cyclic_frames_alone_do_not_hide_what_else_is_due(rig: Rig) -> None:
     assert not rig.link.connected
 
 
-def test_a_stop_is_seen_before_the_run_that_waits_behind_it(rig: Rig) -> None:
+def test_a_stop_takes_effect_before_the_run_that_follows_it(rig: Rig) -> None:
     rig.connect()
     rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
     rig.run(20 * MS)
@@ -287,7 +287,7 @@ def test_a_stop_is_seen_before_the_run_that_waits_behind_it(rig: Rig) -> None:
     [({}, 12), ({"watchdog_factor": 1}, 8), ({"cycle_time_ms": 10}, 30), ({"cycle_time_ms": 1}, 12)],
     ids=["watchdog", "two cycles", "longer cycle of the gateway", "longer cycle of the controller"],
 )
-def test_frames_that_waited_in_a_gateway_that_was_held_up_are_no_life(
+def test_frames_that_waited_in_a_paused_gateway_are_not_a_sign_of_life(
     tmp_path: Path, transport: dict[str, int], limit_ms: int
 ) -> None:
     rig = Rig(tmp_path, **transport)
@@ -335,7 +335,7 @@ def test_a_drive_that_is_lost_and_comes_back_is_diagnosis_and_return_of_submodul
     assert rig.plc.learned.alarms[0].payload[-2:] == MessageClass.INTERNAL_COMMUNICATION.to_bytes(2, "big")
 
 
-def test_a_fault_of_a_drive_is_told_by_its_class_until_it_is_acknowledged(rig: Rig) -> None:
+def test_a_fault_of_a_drive_is_reported_by_its_class_until_it_is_acknowledged(rig: Rig) -> None:
     rig.connect()
     rig.objects[1].fault_log.enter(FaultRecord(4, 0x3210, 0, "over-voltage", rig.loop.now()))
     rig.run(200 * MS)
@@ -408,7 +408,7 @@ def test_reset_to_factory_clears_name_address_and_identification(rig: Rig) -> No
     assert rig.link._store.parameters.im3_descriptor == ""
 
 
-def test_an_address_that_may_not_be_set_is_told_and_not_kept(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_address_that_may_not_be_set_is_reported_and_not_kept(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     rig.port.may_set = False
     assert rig.set_by_dcp(dcp.Option.IP, DEVICE_IP.encode(), 1) is dcp.SetError.LOCAL
     assert "cannot be set" in caplog.text
@@ -449,7 +449,7 @@ def test_telegrams_change_only_while_no_controller_is_connected(rig: Rig) -> Non
     assert rig.link.connected
 
 
-def test_status_and_counters_tell_of_the_controller(rig: Rig) -> None:
+def test_status_and_counters_show_the_controller(rig: Rig) -> None:
     rig.connect()
     rig.run(100 * MS)
     status = rig.link.status()
@@ -496,7 +496,7 @@ def test_a_refused_connect_is_in_the_log_with_its_reason_and_repetitions_do_not_
     assert rig.link.device.cm.refusals == 103
 
 
-def test_the_end_of_the_daemon_tells_the_controller(rig: Rig) -> None:
+def test_the_end_of_the_daemon_informs_the_controller(rig: Rig) -> None:
     rig.connect()
     rig.link.close()
     assert rig.port.closed

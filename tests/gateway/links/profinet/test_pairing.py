@@ -29,7 +29,7 @@ from tests.support.wire.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, project
 
 
 @dataclass
-class Played:
+class Simulated:
     """Results of a controller's frames."""
 
     wakes: list[int] = field(default_factory=list)
@@ -40,36 +40,36 @@ class Played:
     """When input frames were due."""
 
 
-def play(clock: int, ratio: int, phase: int, arrivals: Sequence[int]) -> Played:
+def simulate(clock: int, ratio: int, phase: int, arrivals: Sequence[int]) -> Simulated:
     """Frames that come at these times, input frames that begin at ``phase``."""
     plan = project(send_clock=clock, reduction_ratio=ratio).plan(IocrType.INPUT, 0x8001)
     provider = Provider(plan, PLC_MAC, DEVICE_MAC, PLACES)
     provider.start(phase)
     port = FakeEthernet(VirtualLoop())
     pairing = Pairing(port, provider)
-    played = Played()
+    simulated = Simulated()
     waiting: list[int] = []
     for arrival in arrivals:
         while provider.due <= arrival:
             due = provider.due
             if pairing.due(due):
                 pairing.taken(due, found=bool(waiting))
-                played.waits += [due - came for came in waiting]
+                simulated.waits += [due - came for came in waiting]
                 waiting.clear()
-            played.sent.append(due)
+            simulated.sent.append(due)
             assert provider.poll(due) is not None
             if port.listening and waiting:  # as the kernel reports readable data
-                played.waits += [due - came for came in waiting]
+                simulated.waits += [due - came for came in waiting]
                 waiting.clear()
-                played.wakes.append(due)
+                simulated.wakes.append(due)
                 pairing.came(due)
         if port.listening:
-            played.wakes.append(arrival)
-            played.waits.append(0)
+            simulated.wakes.append(arrival)
+            simulated.waits.append(0)
             pairing.came(arrival)
         else:
             waiting.append(arrival)
-    return played
+    return simulated
 
 
 @given(
@@ -84,26 +84,26 @@ def test_the_frames_of_any_phase_and_of_a_drifting_clock_are_soon_taken_together
     cycle = clock * ratio * TICK_NS
     begin, settled = 32 * MS, 32 * MS + 100 * cycle
     drift = cycle * drift_ppm // 1_000_000
-    played = play(clock, ratio, phase, range(begin, settled + 4 * SECOND, cycle + drift))
-    late = [when for when in played.wakes if when > settled]
+    simulated = simulate(clock, ratio, phase, range(begin, settled + 4 * SECOND, cycle + drift))
+    late = [when for when in simulated.wakes if when > settled]
     assert len(late) <= 16 + 4 * SECOND // cycle // 8, "some are needed to follow a clock that drifts"
     drifted = SECOND // 2 // cycle * abs(drift)
     wait = min(MS // 10, cycle // 8)
-    assert max(played.waits) <= wait + wait // 2 + drifted + cycle // 64
-    periods = [later - earlier for earlier, later in pairwise(played.sent)]
+    assert max(simulated.waits) <= wait + wait // 2 + drifted + cycle // 64
+    periods = [later - earlier for earlier, later in pairwise(simulated.sent)]
     assert max(abs(period - cycle) for period in periods) <= cycle // 64
 
 
 def test_a_clock_as_good_as_ours_wakes_the_loop_twice_a_second() -> None:
-    played = play(32, 1, 300_000, range(MS, 10 * SECOND, MS))
-    assert len([when for when in played.wakes if when > SECOND]) <= 2 * 9 + 1
+    simulated = simulate(32, 1, 300_000, range(MS, 10 * SECOND, MS))
+    assert len([when for when in simulated.wakes if when > SECOND]) <= 2 * 9 + 1
 
 
 @given(st.lists(st.integers(-400_000, 400_000), min_size=50, max_size=300))
 def test_a_frame_that_comes_any_time_is_taken_at_the_next_input_frame_at_the_latest(jitter: list[int]) -> None:
     arrivals = sorted((number + 2) * MS + shift for number, shift in enumerate(jitter))
-    played = play(32, 1, 0, arrivals)
-    assert max(played.waits) <= MS + MS // 64
+    simulated = simulate(32, 1, 0, arrivals)
+    assert max(simulated.waits) <= MS + MS // 64
 
 
 def test_a_long_cycle_lets_each_frame_wake_the_loop(tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_input_frames_carry_the_answer_to_the_frame_they_are_taken_with(rig: Pai
         assert rig.loop.now() - before <= MS // 2, "at the heels of the frame"
 
 
-def test_input_frames_wait_for_nothing_that_comes_behind_the_answer(rig: PairedRig) -> None:
+def test_input_frames_wait_for_nothing_that_follows_the_answer(rig: PairedRig) -> None:
     rig.plc.set_output(AXIS, telegram(1).actuals.encode((0x047F, 1)))
     rig.run(8 * MS)
     before = rig.at_once
@@ -202,7 +202,7 @@ def test_a_call_does_not_overtake_the_frame_that_waits(rig: PairedRig) -> None:
     assert rig.cycles == before + 1
 
 
-def test_frames_behind_changed_orders_do_not_stay_one_cycle_late(tmp_path: Path) -> None:
+def test_frames_after_changed_orders_do_not_stay_one_cycle_late(tmp_path: Path) -> None:
     """The gateway was held up while the control word changed several times: all frames are used by the next cycle."""
     with plant(configuration(axis(1), tmp_path / "store.json", transport="watchdog_factor = 75")) as site:
         site.connect()

@@ -54,7 +54,7 @@ def loop() -> Iterator[SystemLoop]:
     loop.close()
 
 
-def test_an_interface_that_is_not_there_is_told_with_those_that_are(loop: SystemLoop) -> None:
+def test_a_missing_interface_is_rejected_with_those_that_exist(loop: SystemLoop) -> None:
     with pytest.raises(GatewayError, match=r"interface nowhere0: does not exist, allowed: .*lo"):
         RawEthernet(loop, "nowhere0")
 
@@ -72,7 +72,7 @@ def test_without_the_right_to_raw_frames_the_message_names_the_capability(
         RawEthernet(loop, "lo")
 
 
-def test_an_interface_that_is_no_ethernet_is_refused(loop: SystemLoop, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interface_that_is_not_ethernet_is_refused(loop: SystemLoop, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[FakeSocket] = []
 
     class FakeSocket:

@@ -27,7 +27,7 @@ from pdgw.profinet.discovery import dcp
 from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import IpSuite
 from tests.support.gateways.daemon import axis, drive_of
-from tests.support.gateways.profinet_daemon import ON, Plant, configuration, parameterise_anew, plant
+from tests.support.gateways.profinet_daemon import ON, Plant, configuration, parameterise_again, plant
 from tests.support.wire.profinet import DEVICE_MAC, PLC_MAC
 
 CYCLE_NS = 4 * MS
@@ -112,7 +112,7 @@ WAYS = [
     release,
     abort,
     restart,
-    parameterise_anew,
+    parameterise_again,
     readdress,
 ]
 
@@ -152,7 +152,7 @@ def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(tmp_path: Path,
 
 
 def parameterise_at_once(site: Plant) -> None:
-    parameterise_anew(site)
+    parameterise_again(site)
     site.run(2 * MS)
     plc = site.plc
     block = PrmEndReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=ControlCommand.PRM_END)
@@ -199,7 +199,7 @@ LOSSES = {
 
 
 @pytest.mark.parametrize(("way", "reason"), LOSSES.items(), ids=[way.__name__ for way in LOSSES])
-def test_a_loss_of_the_plc_is_told_once_with_what_it_was(
+def test_a_loss_of_the_plc_is_reported_once_with_its_cause(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], reason: str
 ) -> None:
     with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
