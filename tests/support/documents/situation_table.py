@@ -16,7 +16,20 @@ _PLACE = ("operation.md", "situations")
 ON_BOTH_LINKS = SITUATIONS | DEVICE_SITUATIONS
 BY_LINK = {"udp": ON_BOTH_LINKS | PLC_SITUATIONS, "profinet": ON_BOTH_LINKS | CONTROLLER_SITUATIONS}
 """All situations of each link, by what a technician finds."""
-WRITTEN = {"udp": BY_LINK["udp"], "profinet": CONTROLLER_SITUATIONS}
+_LIKE_OTHERS = {
+    "the drive has no power, and the PLC idles",
+    "the drive reports a fault, then the PLC stops",
+    "the drive sends its EMCY with another COB-ID (1014h)",
+    "the drive sends an EMCY of three bytes",
+    "the drive sends heartbeats of two bytes, and has a fault",
+    "telegram 111: STW1.6 rises while STW1.5 = 0",
+    "the same, with a short watchdog time",
+}
+"""Situations with the line and the remedy of another one."""
+WRITTEN = {
+    "udp": {title: item for title, item in BY_LINK["udp"].items() if title not in _LIKE_OTHERS},
+    "profinet": CONTROLLER_SITUATIONS,
+}
 """The situations in the table: those of both links once."""
 _HEAD = ("| situation | first line | remedy |", "| --- | --- | --- |")
 
