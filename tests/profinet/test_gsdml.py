@@ -347,7 +347,7 @@ def test_the_longest_frames_of_a_project_fit_what_the_file_allows() -> None:
 @pytest.mark.skipif("PDGW_GSDML_SCHEMA" not in os.environ, reason="PDGW_GSDML_SCHEMA names no folder with PI's schema")
 @pytest.mark.parametrize("snmp", Snmp)
 def test_gsdml_schema_of_pi_accepts_the_file(snmp: Snmp) -> None:
-    """PI's ``GSDML-DeviceProfile-v2.*.xsd`` may not be copied here: docs/profinet.md says where to find it."""
+    """PI's schema may not be copied here. TIA Portal has it, and the public repository TINF17C/GSD2AML-Converter."""
     etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
     (newest, *_) = sorted(Path(os.environ["PDGW_GSDML_SCHEMA"]).glob("GSDML-DeviceProfile-v*.xsd"), reverse=True)
     schema = etree.XMLSchema(etree.parse(str(newest)))

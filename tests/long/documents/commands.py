@@ -63,12 +63,6 @@ _EXIT_CODES: Final = (
 _LONG: Final = """\
 
 `pdgw status --check` has its own codes ([monitoring](operation.md#monitoring)).
-
-## Long tests
-
-In a checkout of the repository: `make bench` prints [benchmarks](verification.md#benchmarks), `python -m tests.long.soak`
-runs the [soak](verification.md#soak), `python -m tests.long.walk` the walk. `make conformance` tests telegrams, [simulated
-drives](devices.md#simulated-drives) and [faults](simulation.md#faults).
 """
 
 
