@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from itertools import combinations
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -13,10 +13,12 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN, ChainLink
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
-from pdgw.gateway.service.status import snapshot
+from pdgw.gateway.service.status import explanation, snapshot
 from pdgw.tools.output.status_text import Health, check_line
 from tests.support.documents.situations import (
     BREAKERS,
+    SLOW_PLC,
+    in_operation,
     run_out,
     show_no_supply,
     shown,
@@ -29,7 +31,6 @@ from tests.support.gateways.daemon import (
     configuration,
     drive_of,
     encoder_of,
-    operating,
     running,
     until,
 )
@@ -78,14 +79,14 @@ def test_number_of_a_reason_is_its_place_among_the_names_of_a_recording() -> Non
 
 
 def test_axis_in_operation_has_a_whole_chain() -> None:
-    with operating() as (daemon, _):
+    with in_operation() as (daemon, _):
         assert all(link.ok for link in links(daemon).values())
         assert document(daemon)["sentence"] == AxisState.OBEYS.value
         assert document(daemon)["remedy"] == ""
 
 
 def test_repeated_losses_are_named_until_the_axis_operates_again() -> None:
-    with operating() as (daemon, plc):
+    with in_operation() as (daemon, plc):
         for _ in range(3):
             assert daemon.axes[0].enable_status.state is AxisState.OBEYS
             plc.silent = True
@@ -99,9 +100,23 @@ def test_repeated_losses_are_named_until_the_axis_operates_again() -> None:
         assert first(daemon).reason is Reason.WATCHDOG_SHORT
 
 
-@pytest.mark.parametrize("enable", BREAKERS, ids=lambda enable: enable.name)
-def test_each_broken_link_names_itself_with_its_own_remedy(enable: Enable) -> None:
-    with operating() as (daemon, plc):
+CAUSES = {
+    Enable.BUS: "fault 102: CAN bus-off or CAN interface lost",
+    Enable.NODE: "Not on the bus: node 1 on bus can sends no data in time",
+    Enable.SUPPLY: "fault 122: drive left operation without a command",
+    Enable.NO_FAULT: "fault 7: EMCY 2310h over-current",
+    Enable.OPERATION: "fault 122: drive left operation without a command",
+    Enable.PLC: "fault 103: PLC lost: no valid frame for 15 cycles",
+    Enable.CONTROL: "warning 120: control by PLC removed in operation",
+    Enable.ON_EDGE: "Stopping: OFF1 ramp in progress",
+    Enable.SETPOINT: "Waits: no setpoint",
+}
+
+
+@pytest.mark.parametrize("enable", CAUSES, ids=lambda enable: enable.name)
+def test_each_broken_link_names_itself_and_is_the_cause_of_the_stop(enable: Enable) -> None:
+    with in_operation() as (daemon, plc):
+        run_out(plc)
         BREAKERS[enable](plc, daemon)
         run_out(plc)
         link = first(daemon)
@@ -110,11 +125,17 @@ def test_each_broken_link_names_itself_with_its_own_remedy(enable: Enable) -> No
         assert link.reason.enable is enable
         before = AXIS_CHAIN[: AXIS_CHAIN.index(enable)]
         assert all(links(daemon)[known].ok is not False for known in before)
+        texts = [line["text"] for line in explanation(daemon, daemon.objects)]
+        assert texts[texts.index("In operation") + 1].startswith(CAUSES[enable])
 
 
-@pytest.mark.parametrize("pair", list(combinations(BREAKERS, 2)), ids=lambda pair: f"{pair[0].name}-{pair[1].name}")
+PAIRS = [*pairwise(BREAKERS), (Enable.BUS, Enable.PLC), (Enable.NODE, Enable.CONTROL)]
+"""The order of the chain is that of its neighbours; a broken link does not hide one of the PLC."""
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids=lambda pair: f"{pair[0].name}-{pair[1].name}")
 def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tuple[Enable, Enable]) -> None:
-    with operating() as (daemon, plc):
+    with in_operation() as (daemon, plc):
         for enable in pair:
             BREAKERS[enable](plc, daemon)
         run_out(plc)
@@ -141,7 +162,7 @@ def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tupl
 
 
 def test_log_names_the_same_link(caplog: pytest.LogCaptureFixture) -> None:
-    with operating() as (daemon, plc), caplog.at_level("INFO", "gateway"):
+    with in_operation() as (daemon, plc), caplog.at_level("INFO", "gateway"):
         drive_of(daemon).node.power_off()
         plc.silent = True
         run_out(plc)
@@ -150,55 +171,41 @@ def test_log_names_the_same_link(caplog: pytest.LogCaptureFixture) -> None:
         assert said[-1].endswith(". Check power, CAN cable, termination, bit rate and node-ID of the drive.")
 
 
-@pytest.mark.parametrize(
-    ("enable", "word"),
-    [
-        *((Enable.NODE, word) for word in (None, 0, OFF, OFF & ~0x2, OFF & ~0x4, OFF & ~0x400, ON)),
-        *((enable, word) for enable in (Enable.BUS, Enable.NO_FAULT) for word in (None, OFF)),
-    ],
-)
-def test_check_is_critical_without_a_drive_whatever_the_plc_sends(enable: Enable, word: int | None) -> None:
-    with operating() as (daemon, plc):
-        if word is None:
-            plc.silent = True
-        else:
-            plc.endpoint.set(0, {"STW1": word})
+@pytest.mark.parametrize("enable", [Enable.NODE, Enable.BUS, Enable.NO_FAULT], ids=lambda enable: enable.name)
+def test_check_is_critical_without_a_drive_whatever_the_plc_sends(enable: Enable) -> None:
+    with in_operation() as (daemon, plc):
         BREAKERS[enable](plc, daemon)
-        run_out(plc)
-        health, line = check_line(snapshot(daemon))
-        assert health is Health.CRITICAL
-        assert daemon.axes[0].enable_status.sentence in line
+        for word in (ON, 0, OFF, OFF & ~0x2, OFF & ~0x4, OFF & ~0x400, None):
+            plc.silent = word is None
+            plc.endpoint.set(0, {"STW1": word or 0})
+            run_out(plc)
+            health, line = check_line(snapshot(daemon))
+            assert health is Health.CRITICAL
+            assert daemon.axes[0].enable_status.sentence in line
 
 
-def test_fault_has_its_name_time_and_remedy_in_the_first_line() -> None:
-    with operating() as (daemon, plc):
+def test_fault_has_its_name_time_and_remedy_also_after_a_loss_of_the_plc() -> None:
+    with in_operation() as (daemon, plc):
+        names = {fault.name for fault in daemon.axes[0].manufacturer_faults.values()}
         drive_of(daemon).inject(7)
-        plc.until(lambda: daemon.axes[0].enable_status.state is AxisState.FAULT, "the fault")
-        run_out(plc)
-        cause = document(daemon)["cause"]
-        at = cause["time"][11:19]
-        assert document(daemon)["sentence"].startswith(f"Fault: {cause['text']}, since {at}. ")
-        assert document(daemon)["sentence"].endswith("; then acknowledge (STW1.7).")
-        assert "EMCY" in cause["text"]
-
-
-def test_loss_of_the_plc_does_not_replace_an_older_cause() -> None:
-    with operating() as (daemon, plc):
-        drive_of(daemon).inject(7)
-        plc.until(lambda: daemon.axes[0].enable_status.state is AxisState.FAULT, "the fault")
         run_out(plc)
         before = document(daemon)
+        cause = before["cause"]
+        assert before["sentence"].startswith(f"Fault: {cause['text']}, since {cause['time'][11:19]}. ")
+        assert before["sentence"].endswith("; then acknowledge (STW1.7).")
+        assert "EMCY" in cause["text"]
+        assert any(name in before["reason"] for name in names), "the manufacturer's"
         plc.silent = True
         run_out(plc)
         after = document(daemon)
         assert after["faults"][0]["number"] == FaultNumber.PLC_LOST
-        assert after["cause"]["id"] == before["cause"]["id"]
+        assert after["cause"]["id"] == cause["id"]
         assert after["sentence"] == before["sentence"]
         assert shown(daemon).surfaces["MQTT"] == before["sentence"]
 
 
 def test_older_loss_of_the_plc_does_not_hide_a_fault_of_the_drive() -> None:
-    with operating() as (daemon, plc):
+    with in_operation() as (daemon, plc):
         plc.silent = True
         run_out(plc)
         plc.silent = False
@@ -210,21 +217,13 @@ def test_older_loss_of_the_plc_does_not_hide_a_fault_of_the_drive() -> None:
         assert "EMCY" in document(daemon)["sentence"]
 
 
-def test_names_of_the_manufacturer_speak_where_the_family_has_them() -> None:
-    with operating() as (daemon, plc):
-        names = {fault.name for fault in daemon.axes[0].manufacturer_faults.values()}
-        drive_of(daemon).inject(7)
-        run_out(plc)
-        assert any(name in document(daemon)["reason"] for name in names)
-
-
 def test_supply_counts_only_where_the_drive_has_shown_it_without_power() -> None:
     """Many drives set Statusword.4 only with their power stage: idle, its 0 proves nothing."""
 
     def plain(daemon: Daemon) -> None:
         drive_of(daemon).model.disguises.append(show_no_supply)
 
-    with running(configuration(axis(1)), plain) as daemon:
+    with running(configuration(axis(1), transport=SLOW_PLC), plain) as daemon:
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})
         run_out(plc)
@@ -235,37 +234,30 @@ def test_supply_counts_only_where_the_drive_has_shown_it_without_power() -> None
         assert first(daemon).reason is Reason.NO_SUPPLY
 
 
-def test_axis_switched_off_by_the_plc_is_off_and_no_finding() -> None:
-    with operating() as (daemon, plc):
-        plc.endpoint.set(0, {"STW1": OFF})
-        run_out(plc)
-        assert daemon.axes[0].enable_status.state is AxisState.OFF
-        assert first(daemon).reason is Reason.SWITCHED_OFF
-        assert check_line(snapshot(daemon))[0] is Health.OK
-
-
-def test_on_without_enable_operation_is_the_plcs_to_complete() -> None:
-    with operating() as (daemon, plc):
-        plc.endpoint.set(0, {"STW1": ON & ~0x8})
-        run_out(plc)
-        assert first(daemon).reason is Reason.ENABLE_MISSING
-
-
 @pytest.mark.parametrize(
-    ("mask", "bits"), [(0x2, "STW1.1 = 0"), (0x4, "STW1.2 = 0"), (0xE, "STW1.1 = STW1.2 = STW1.3 = 0")]
+    ("word", "state", "evidence", "health"),
+    [
+        (OFF, AxisState.OFF, Reason.SWITCHED_OFF.value, Health.OK),
+        (ON & ~0x8, AxisState.WAITS, Reason.ENABLE_MISSING.value, Health.WARNING),
+        (ON & ~0x2, AxisState.WAITS, "STW1.1 = 0", Health.WARNING),
+        (ON & ~0x4, AxisState.WAITS, "STW1.2 = 0", Health.WARNING),
+        (ON & ~0xE, AxisState.WAITS, "STW1.1 = STW1.2 = STW1.3 = 0", Health.WARNING),
+    ],
 )
-def test_on_beside_a_held_stop_waits_for_the_plcs_program(mask: int, bits: str) -> None:
-    """An interlock in the PLC: the axis is not off as the PLC asks, and all missing bits are named."""
-    with operating() as (daemon, plc):
-        plc.endpoint.set(0, {"STW1": ON & ~mask})
+def test_word_of_the_plc_that_keeps_an_axis_off_is_named(
+    word: int, state: AxisState, evidence: str, health: Health
+) -> None:
+    """An interlock in the PLC beside ON: the axis is not off as the PLC asks, and all missing bits are named."""
+    with in_operation() as (daemon, plc):
+        plc.endpoint.set(0, {"STW1": word})
         run_out(plc)
-        assert daemon.axes[0].enable_status.state is AxisState.WAITS
-        assert first(daemon).evidence.endswith(bits)
-        assert check_line(snapshot(daemon))[0] is Health.WARNING
+        assert daemon.axes[0].enable_status.state is state
+        assert first(daemon).evidence.endswith(evidence)
+        assert check_line(snapshot(daemon))[0] is health
 
 
-def test_a_refused_device_is_distinguished_from_an_absent_one() -> None:
-    with operating() as (daemon, plc):
+def test_device_that_is_refused_is_told_apart_from_an_absent_one() -> None:
+    with in_operation() as (daemon, plc):
         drive_of(daemon).node.power_off()
         run_out(plc)
         assert first(daemon).reason is Reason.DRIVE_OFFLINE
@@ -275,7 +267,7 @@ def test_a_refused_device_is_distinguished_from_an_absent_one() -> None:
 
 
 def test_chain_of_an_encoder_is_judged_alike() -> None:
-    with running(configuration(axis(1) + ENCODER)) as daemon:
+    with running(configuration(axis(1) + ENCODER, transport=SLOW_PLC)) as daemon:
         plc = Plc(daemon, [1, 81])
         plc.endpoint.set(1, {"STW2_ENC": 0x0400})
         encoder = daemon.encoders[0]
@@ -295,7 +287,7 @@ def test_chain_of_an_encoder_is_judged_alike() -> None:
 
 def test_gateway_that_is_stopped_has_not_lost_its_plc(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level("INFO", "gateway"):
-        with operating() as (daemon, _):
+        with in_operation() as (daemon, _):
             drive = drive_of(daemon)
             assert drive.model.state is State.OPERATION_ENABLED
         assert not [fault for fault in daemon.axes[0].faults if fault.number == FaultNumber.PLC_LOST]
@@ -304,7 +296,7 @@ def test_gateway_that_is_stopped_has_not_lost_its_plc(caplog: pytest.LogCaptureF
 
 
 def test_chain_of_an_axis_that_goes_online() -> None:
-    with running(configuration(axis(1))) as daemon:
+    with running(configuration(axis(1), transport=SLOW_PLC)) as daemon:
         assert daemon.axes[0].enable_status.state is AxisState.STARTING, (
             "nothing is wrong before the first answer is due"
         )

@@ -21,7 +21,15 @@ from pdgw.tools.output.status_text import Health, cause_sentence, check_line, ob
 from tests.conformance.rig import COMPLETE
 from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS
 from tests.support.documents.situation_table import BY_LINK, WRITTEN, situation_row, written_rows
-from tests.support.documents.situations import BREAKERS, SITUATIONS, Situation, at_situation, run_out
+from tests.support.documents.situations import (
+    BREAKERS,
+    SITUATIONS,
+    SLOW_PLC,
+    Situation,
+    at_situation,
+    in_operation,
+    run_out,
+)
 from tests.support.gateways.daemon import (
     OFF,
     ON,
@@ -30,7 +38,6 @@ from tests.support.gateways.daemon import (
     axis,
     configuration,
     drive_of,
-    operating,
     running,
     until,
 )
@@ -91,31 +98,8 @@ def test_repetition_of_several_axes_is_counted_once_and_stays_in_order() -> None
     assert all(len(line.labels) == 3 for line in found)
 
 
-CAUSES = {
-    Enable.BUS: "fault 102: CAN bus-off or CAN interface lost",
-    Enable.NODE: "Not on the bus: node 1 on bus can sends no data in time",
-    Enable.SUPPLY: "fault 122: drive left operation without a command",
-    Enable.NO_FAULT: "fault 7: EMCY 2310h over-current",
-    Enable.OPERATION: "fault 122: drive left operation without a command",
-    Enable.PLC: "fault 103: PLC lost: no valid frame for 75 cycles",
-    Enable.CONTROL: "warning 120: control by PLC removed in operation",
-    Enable.ON_EDGE: "Stopping: OFF1 ramp in progress",
-    Enable.SETPOINT: "Waits: no setpoint",
-}
-
-
-@pytest.mark.parametrize("enable", CAUSES)
-def test_the_cause_of_every_stop_follows_the_operation(enable: Enable) -> None:
-    with operating() as (daemon, plc):
-        run_out(plc)
-        BREAKERS[enable](plc, daemon)
-        run_out(plc)
-        texts = [line["text"] for line in explanation(daemon, daemon.objects)]
-    assert texts[texts.index("In operation") + 1].startswith(CAUSES[enable])
-
-
 def test_a_fault_that_returns_is_one_line_with_its_count() -> None:
-    with running(configuration(axis(1) + axis(2))) as daemon:
+    with running(configuration(axis(1) + axis(2), transport=SLOW_PLC)) as daemon:
         plc = Plc(daemon, [1, 1])
         plc.endpoint.set(1, {"STW1": OFF})
         plc.enable()
@@ -166,7 +150,7 @@ def test_the_axis_that_stopped_the_machine_is_shown_among_16_objects() -> None:
 def test_frames_without_setpoints_are_the_cause_of_a_stop(
     attribute: str, value: object, text: str, frames: int
 ) -> None:
-    with operating() as (daemon, plc):
+    with in_operation() as (daemon, plc):
         run_out(plc)
         before = getattr(plc.endpoint, attribute)
         setattr(plc.endpoint, attribute, value)
@@ -180,7 +164,7 @@ def test_frames_without_setpoints_are_the_cause_of_a_stop(
 
 
 def test_cause_comes_before_what_follows_from_it() -> None:
-    with running(configuration(axis(1) + axis(2))) as daemon:
+    with running(configuration(axis(1) + axis(2), transport=SLOW_PLC)) as daemon:
         plc = Plc(daemon, [1, 1])
         plc.endpoint.set(1, {"STW1": OFF})
         plc.enable()
@@ -204,7 +188,7 @@ def test_cause_comes_before_what_follows_from_it() -> None:
 def test_command_prints_the_lines_and_writes_the_support_file(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    with operating() as (daemon, plc):
+    with in_operation() as (daemon, plc):
         drive_of(daemon).inject(7)
         run_out(plc)
         lines, document = explanation(daemon, daemon.objects), snapshot(daemon)
@@ -283,7 +267,7 @@ def judge(situation: Situation, daemon: Daemon) -> None:
 def test_words_without_effect_are_a_note_of_an_axis_in_operation(
     number: int, more: str, word: int, others: dict[str, int], note: str
 ) -> None:
-    with operating(configuration(axis(1, telegram_number=number, more=f"simulate = true\n{more}"))) as (daemon, plc):
+    with in_operation(axis(1, telegram_number=number, more=f"simulate = true\n{more}")) as (daemon, plc):
         plc.endpoint.set(0, {"STW1": word, **others})
         run_out(plc)
         document = snapshot(daemon)
@@ -367,7 +351,7 @@ def test_log_of_frames_that_do_not_count_has_the_words_of_the_first_line(caplog:
 
 
 def test_a_second_plc_is_a_warning_beside_the_first_one() -> None:
-    with operating() as (daemon, plc):
+    with in_operation() as (daemon, plc):
         second = Plc(daemon, [1], "other")
         for _ in range(100):
             plc.exchange()

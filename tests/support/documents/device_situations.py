@@ -265,7 +265,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     ),
     "the drive was lost for a second in operation": DeviceSituation(
         begin=_lose,
-        says=("Waits", "ON ignored", "because of node lost", "no TPDO1, TPDO2 for 200 ms, since "),
+        says=("Waits", "ON ignored", "because of node lost", "no TPDO1 for 200 ms, since "),
         health=Health.WARNING,
         cure=words((OFF, {}), (ON, {})),
     ),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,11 +23,14 @@ from pdgw.tools.web.metrics import exposition
 from pdgw.tools.web.mqtt import object_message
 from pdgw.tools.web.status.watch import Watch
 from tests.support.gateways import profinet_daemon
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, operating, running, world_of
 from tests.support.page import ShownGateway, look
 
 TRANSIENT_NS = 1500 * MS
 """By then every loss is found and every attempt to bring a node up again has failed once."""
+SLOW_PLC = "cycle_time_ms = 20\nwatchdog_factor = 15"
+"""The usual watchdog time with a fifth of the frames, because these tests last for seconds."""
+_SLOW_PROFINET = "cycle_time_ms = 16\nwatchdog_factor = 12"
 Step = Callable[[Plc, Daemon], None]
 
 
@@ -50,7 +53,7 @@ class Situation:
     """The axis is in operation before; otherwise it has never been."""
     numbers: tuple[int, ...] = ()
     """Telegrams that a PLC on UDP sends; empty: those of the gateway."""
-    transport: str = ""
+    transport: str = SLOW_PLC
     host: str = "plc"
 
 
@@ -65,6 +68,11 @@ def at_situation(situation: Situation, link: str = "udp") -> Iterator[tuple[Daem
         yield plc.daemon, plc
 
 
+def in_operation(tables: str = axis(1)) -> AbstractContextManager[tuple[Daemon, Plc]]:
+    """A gateway, by default with one simulated axis, and its PLC; the first axis is in operation."""
+    return operating(configuration(tables, transport=SLOW_PLC))
+
+
 @contextmanager
 def _over_udp(situation: Situation) -> Iterator[Plc]:
     with running(configuration(situation.tables, transport=situation.transport), situation.spoil) as daemon:
@@ -74,8 +82,9 @@ def _over_udp(situation: Situation) -> Iterator[Plc]:
 @contextmanager
 def _over_profinet(situation: Situation) -> Iterator[Plc]:
     with TemporaryDirectory() as folder:
-        config = profinet_daemon.configuration(situation.tables, Path(folder) / "store.json")
+        config = profinet_daemon.configuration(situation.tables, Path(folder) / "store.json", transport=_SLOW_PROFINET)
         with profinet_daemon.plant(config, before=situation.spoil, online=False) as site:
+            site.plc.project = replace(site.plc.project, reduction_ratio=16, data_hold=25)
             yield profinet_daemon.ControllerPlc(site)
 
 
@@ -95,8 +104,7 @@ def send(*frames: dict[str, int]) -> Step:
     def begin(plc: Plc, _: Daemon) -> None:
         for values in frames:
             plc.endpoint.set(0, values)
-            for _ in range(_SOME_FRAMES):
-                plc.exchange()
+            run_out(plc, _FOR_A_TIME)
 
     return begin
 
@@ -128,7 +136,7 @@ def online(plc: Plc, daemon: Daemon) -> None:
     plc.enable()
 
 
-_SOME_FRAMES = 100
+_FOR_A_TIME = 400 * MS
 FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
