@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.gateway.motion.requests import NOTHING, PositionerRequest, PositionerResult
+from pdgw.gateway.motion.requests import NOTHING, PositionerRequest
 from pdgw.profidrive.encoder import SENSOR_STATUS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 
@@ -137,12 +137,13 @@ class Report:
         self.flags = 0
         self.speed = 0
         self.position = 0
+        """That of a positioner in LU."""
         self.length_speed = 0
         """Speed of a positioner in LU/min."""
         self.homing_method = 0
         self.tasks_active = False
-        self.motion: PositionerResult | None = None
-        """State of a positioner; always the same object, None for an axis without one."""
+        self.positioner = (0, 0)
+        """POS_ZSW1 and POS_ZSW2."""
         self.message = 0
         """MELDW."""
         self.load: tuple[int, int, int] = (0, 0, 0)

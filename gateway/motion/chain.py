@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
-from pdgw.gateway.motion.requests import FULL
-from pdgw.gateway.motion.travel import Course
+from pdgw.gateway.motion.requests import FULL, Seen
+from pdgw.gateway.motion.travel import UserCourse
 from pdgw.gateway.reasons import Reason
 
 
@@ -24,11 +24,13 @@ class BlockChain:
     """The blocks of an axis and the one of them that runs."""
 
     blocks: BlockTable
-    _course: Course
+    _course: UserCourse
     block: Block | None = None
     """The block that runs, None for none."""
     external: bool = False
     """STW1.13 rose since the block began."""
+    outputs: int = 0
+    """The outputs that blocks have set."""
     _wait_until: int = 0
     """End of the wait that is the block, monotonic ns."""
 
@@ -50,16 +52,15 @@ class BlockChain:
     def run(self, number: int, now: int) -> None:
         """Run blocks from a number on, up to the first that moves, waits or ends. The table has no ring without any."""
         block = self.blocks.get(number)
-        result = self._course.result
         while block is not None:
             self.block = block
             self.external = False
             self._wait_until = 0
             self._course.drop_goal()
             if block.task is BlockTask.SET_OUTPUT:
-                result.outputs |= block.value
+                self.outputs |= block.value
             elif block.task is BlockTask.RESET_OUTPUT:
-                result.outputs &= ~block.value
+                self.outputs &= ~block.value
             elif block.task is BlockTask.WAIT:
                 self._wait_until = now + block.value * MS
                 return
@@ -73,7 +74,7 @@ class BlockChain:
     def _move(self, block: Block) -> None:
         refusal = self.refusal(block.number)
         if refusal is not None:
-            self._course.result.warning = refusal
+            self._course.warning = refusal
             return
         acceleration, deceleration = _fraction(block.acceleration), _fraction(block.deceleration)
         if block.mode.direction:
@@ -88,7 +89,7 @@ class BlockChain:
         block = self.block
         if block is None or (block.task.moves and self._course.goal is None):
             return None
-        if block.task is BlockTask.FIXED_STOP and not self._course.result.fixed_stop:
+        if block.task is BlockTask.FIXED_STOP and not self._course.fixed_stop:
             return None
         return block.follower
 
@@ -102,7 +103,7 @@ class BlockChain:
         if not block.task.moves:
             return now >= self._wait_until
         if course.goal is None:
-            return course.seen.standstill
+            return course.seen.bits & Seen.STANDSTILL != 0
         if block.task is BlockTask.FIXED_STOP:
             return self._pressed(block)
         if block.next is BlockNext.EXTERNAL:
@@ -113,13 +114,13 @@ class BlockChain:
 
     def _pressed(self, block: Block) -> bool:
         """A fixed stop presses on until it is rejected or the next block may begin."""
-        result = self._course.result
-        if self._course.arrived() and not result.fixed_stop:
-            result.warning = Reason.FIXED_STOP_MISSED
+        course = self._course
+        if course.arrived() and not course.fixed_stop:
+            course.warning = Reason.FIXED_STOP_MISSED
             return True
         if block.next is BlockNext.EXTERNAL:
-            return result.fixed_stop and self.external
-        return result.fixed_stop and block.next is not BlockNext.END
+            return course.fixed_stop and self.external
+        return course.fixed_stop and block.next is not BlockNext.END
 
     def follow(self, now: int) -> None:
         """Continue with the next block."""
@@ -143,7 +144,7 @@ class BlockChain:
             return
         # It starts later: the revolution of a modulo axis at that time is not known when it is sent.
         if not self._course.choices.waiting_setpoints or self._course.choices.modulo:
-            self._course.result.warning = Reason.FLYING_NOT_SUPPORTED
+            self._course.warning = Reason.FLYING_NOT_SUPPORTED
             return
         self._course.queue(
             *(follower.position, follower.mode is BlockMode.ABSOLUTE, follower.velocity),

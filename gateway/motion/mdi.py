@@ -14,27 +14,19 @@ from pdgw.gateway.motion.requests import (
     Command,
     Goal,
     HomingResult,
-    MotionKind,
-    PositionerChoices,
+    PositionerFeedback,
     PositionerRequest,
-    PositionerResult,
+    Seen,
 )
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
+from pdgw.gateway.motion.travel import Course
 from pdgw.gateway.reasons import Reason
 
-_UNLIMITED = 1 << 62
-_CHOICES = PositionerChoices(
-    lu_per_revolution=1,
-    max_velocity=_UNLIMITED,
-    max_acceleration=_UNLIMITED,
-    max_deceleration=_UNLIMITED,
-    position_window=0,
-)
-"""The executor limits."""
 _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOMING
 _DO_NOT_REJECT, _NO_INTERMEDIATE_STOP, _MDI_SELECTED = Command.DO_NOT_REJECT, Command.NO_INTERMEDIATE_STOP, Command.MDI
 _SELECTED = _DO_NOT_REJECT | _MDI_SELECTED
 _HOMES = _DO_NOT_REJECT | HOME
+_OPERATING, _STOPPED = Seen.OPERATING, Seen.STOPPED
 
 
 class MdiDrive(Protocol):
@@ -54,56 +46,49 @@ class MdiPositioner(Positioner):
         self._drive = drive
         self.homing: tuple[int, int] | None = None
         """Method, and velocity as a fraction, of the homing that runs or waits for standstill: those of its edge."""
-        self.before = _IDLE
-        """The state before this step."""
+        self._edges = 0
+        """The commands that rose in this step."""
         self._waiting: Goal | None = None
         """The task of the newest edge, waiting to start."""
         self._braking_reason: Reason | None = None
-        super().__init__(_CHOICES, transitions=MDI_TRANSITIONS)
-        self.set_window(None)
+        super().__init__(Course(PositionerFeedback(), None), MDI_TRANSITIONS)
 
-    def set_window(self, window: int | None) -> None:
-        """Set the largest distance from the target of a task that has ended; None: only the drive knows."""
-        self._course.window = window
+    def set_drive(self, velocity: int, window: int | None) -> None:
+        """Set the only velocity of a task, for a drive without 6081h (0: any), and the largest distance from the target of a task
+        that has ended; None: only the drive knows."""
+        self.course.only_velocity, self.course.window = velocity, window
 
-    @property
-    def goal(self) -> Goal | None:
-        """The goal of the axis."""
-        return self._course.goal
+    def homed(self) -> None:
+        """The drive's position now counts from its home position."""
+        self.home_set = True
 
-    @property
-    def waits(self) -> bool:
-        """The drive was not given the goal."""
-        return self._course.waits
-
-    def step(self, request: PositionerRequest, now: int) -> PositionerResult:
-        self.request, self._now = request, now
-        result, course = self.result, self._course
-        self.before = self._state
-        course.look(False)
+    def step(self, request: PositionerRequest, now: int) -> Reason | None:
+        self.request = request
+        course, before, operating = self.course, self.state, self.seen.bits & _OPERATING != 0
+        course.look()
         if request.commands != self._commands or self._edges:
-            self._find_edges()
-        if self._state is _BRAKING and self.seen.operating:
+            self._edges = self._find_edges()
+        if before is _BRAKING and operating:
             self._take_while_braking(request)
         accepts = request.commands & _DO_NOT_REJECT != 0
-        calm = self.seen.operating and accepts and not self._edges
-        self._take_transition(calm)
-        if self._state is not _HOMING:
+        self._take_transition(operating and accepts and not self._edges)
+        state = self.state
+        if state is not _HOMING:
             course.follow(request, now)
-        if not accepts:
-            self._clear()
-        result.reason = self._reason(request)
-        if self._state is not _BRAKING:
+        if not accepts and course.warning not in HELD:
+            self.warn(None)
+        reason = self._reason(request, before)
+        if state is not _BRAKING:
             self._braking_reason = None
-        return result
+        return reason
 
-    def _reason(self, request: PositionerRequest) -> Reason | None:
+    def _reason(self, request: PositionerRequest, before: State) -> Reason | None:
         """Why the axis does not follow."""
-        state, before = self._state, self.before
+        state = self.state
         if state is _BRAKING or before is _BRAKING:
             return self._braking_reason
         idle = before is _IDLE or (before is _HOMING and self.seen.homing is not HomingResult.RUNNING)
-        warning = self.result.warning
+        warning = self.course.warning
         if state is _IDLE and idle and (warning is None or warning in HELD):
             if warning is not None and not request.commands & _DO_NOT_REJECT:
                 return Reason.REJECTED
@@ -111,7 +96,7 @@ class MdiPositioner(Positioner):
                 return Reason.MDI_OFF
             if warning is Reason.LOST_EDGE and not request.commands & _NO_INTERMEDIATE_STOP:
                 return Reason.INTERMEDIATE_STOP
-        return self._course.held
+        return self.course.held
 
     def _events(self) -> dict[Event, Callable[[], int]]:
         return {
@@ -121,10 +106,10 @@ class MdiPositioner(Positioner):
             Event.HOMING_LOST: lambda: self._edges & HOME and self.request.commands & _SELECTED != _SELECTED,
             Event.HOMING_OVER: lambda: not self.request.commands & HOME and not self._homes(),
             Event.MDI: self._take_edge,
-            Event.REACHED: lambda: self.request.commands & _NO_INTERMEDIATE_STOP and self._course.arrived(),
-            Event.STANDING: lambda: self.seen.stopped,
-            Event.STANDING_HOMING: lambda: self.seen.stopped and self.homing is not None,
-            Event.STANDING_TASK: lambda: self.seen.stopped and self._waiting is not None,
+            Event.REACHED: lambda: self.request.commands & _NO_INTERMEDIATE_STOP and self.course.arrived(),
+            Event.STANDING: lambda: self.seen.bits & _STOPPED,
+            Event.STANDING_HOMING: lambda: self.seen.bits & _STOPPED and self.homing is not None,
+            Event.STANDING_TASK: lambda: self.seen.bits & _STOPPED and self._waiting is not None,
             Event.TASK_AFTER_HOMING: self._take_task_after_homing,
         }
 
@@ -138,7 +123,7 @@ class MdiPositioner(Positioner):
         request, edge = self.request, self._edges & HOME != 0
         accepts = request.commands & _DO_NOT_REJECT != 0
         if edge and not accepts:
-            self._warn(Reason.LOST_HOMING)
+            self.warn(Reason.LOST_HOMING)
         if not self._drive.require_homing(edge=edge and accepts):
             return False
         self.homing = (request.number, request.velocity)
@@ -156,7 +141,7 @@ class MdiPositioner(Positioner):
         """During a homing an edge starts nothing, but in the frame that ends one that is done or that the drive has not begun."""
         if self.request.commands & HOME or self._homes():
             return False
-        self._warn(None)
+        self.warn(None)
         return self._take_edge()
 
     def _take_task(self) -> None:
@@ -166,17 +151,17 @@ class MdiPositioner(Positioner):
             return
         refusal: Reason | None = None
         selected = request.commands & _SELECTED == _SELECTED
-        if not (selected and (request.commands & _NO_INTERMEDIATE_STOP or self._state is _MDI)):
+        if not (selected and (request.commands & _NO_INTERMEDIATE_STOP or self.state is _MDI)):
             refusal = Reason.LOST_EDGE
         elif not (goal := self._drive.converted(request)).velocity:
             refusal = Reason.TASK_SPEED_ZERO
-        elif self._course.lacks_velocity(goal.velocity):
+        elif self.course.lacks_velocity(goal.velocity):
             refusal = Reason.TASK_VELOCITY
         elif request.acceleration <= 0 or request.deceleration <= 0:
             refusal = Reason.TASK_RAMP_ZERO
         else:
             self._waiting = goal
-        self._warn(refusal)
+        self.warn(refusal)
 
     def _take_while_braking(self, request: PositionerRequest) -> None:
         if self._take_homing():
@@ -198,13 +183,12 @@ class MdiPositioner(Positioner):
         self.homing = None
 
     def _drop(self) -> None:
-        super()._drop()
-        self.homing = None
-        self._warn(None)
+        self._finish()
+        self.warn(None)
 
     def _brake(self) -> None:
         self._finish()
-        request, homes = self.request, self._state is _HOMING
+        request, homes = self.request, self.state is _HOMING
         if homes:
             self._take_while_braking(request)
         stopped = Reason.HOMING_STOPPED if homes else Reason.MDI_OFF
@@ -218,11 +202,9 @@ class MdiPositioner(Positioner):
         goal = self._waiting
         assert goal is not None, "the rows with a start follow an edge"
         self._finish()
-        self._course.aim(goal)
+        self.course.aim(goal)
 
     def _start_homing(self) -> None:
         self._forget()
-        self._warn(None)
-        motion = self.result.motion
-        motion.kind = MotionKind.HOMING
-        motion.serial += 1
+        self.warn(None)
+        self.course.home()

@@ -1,12 +1,13 @@
 """Basic positioner of telegrams 7, 110 and 111: computes the motion from the request and the state of the axis.
 
 Source: basic positioners of public drive manuals (docs/motion.md). Sans-I/O: one ``step`` per cycle, values and monotonic
-nanoseconds in, one reused ``PositionerResult`` out. ``states.TRANSITIONS`` has the states. Not here: cams, homing direction, and
-handshakes and mode changes of the drive (executors).
+nanoseconds in, the motion of its course and the reason why nothing moves out. ``states.TRANSITIONS`` has the states. Not here:
+cams, homing direction, and handshakes and mode changes of the drive (executors).
 """
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -24,12 +25,13 @@ from pdgw.gateway.motion.requests import (
     PositionerChoices,
     PositionerFeedback,
     PositionerRequest,
-    PositionerResult,
+    Seen,
 )
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
-from pdgw.gateway.motion.travel import Course
+from pdgw.gateway.motion.travel import Course, UserCourse
 from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.signals import signal
 
 SHOWN_NS: Final = 100 * MS
 """Minimum time of POS_ZSW1.11 = 1 for homing and a set reference point, because masters poll it."""
@@ -64,6 +66,41 @@ HELD = {Reason.LOST_EDGE: ACTIVATE, Reason.EARLY_EDGE: ACTIVATE, Reason.LOST_HOM
 with 0 in the bit."""
 
 
+class Acknowledge(enum.Enum):
+    """Acknowledgement of a task, while STW1.6 is still 1 after its edge."""
+
+    NONE = "none"
+    OWED = "not shown yet"
+    SHOWN = "shown"
+
+
+class PassiveHoming(enum.Enum):
+    """Homing at the edge of a probe, while anything runs."""
+
+    OFF = "not requested"
+    ARMED = "waits for the edge"
+    OVER = "has ended, and is still requested"
+
+
+_NOT_OWED: Final = Acknowledge.NONE
+_NOT_PASSIVE, _ARMED, _OVER = PassiveHoming.OFF, PassiveHoming.ARMED, PassiveHoming.OVER
+_OPERATING, _STANDSTILL = Seen.OPERATING, Seen.STANDSTILL
+_NEGATIVE_LIMIT, _POSITIVE_LIMIT = Seen.NEGATIVE_LIMIT, Seen.POSITIVE_LIMIT
+_FIRST = {bit.name: bit.mask for bit in signal("POS_ZSW1").bits}
+_SECOND = {bit.name: bit.mask for bit in signal("POS_ZSW2").bits}
+_FUNCTION_BITS = dict.fromkeys(State, 0) | {
+    State.BLOCK: _FIRST["BLOCK_MODE"],
+    State.SETTING_UP: _FIRST["SETTING_UP"],
+    State.MDI: _FIRST["MDI_ACTIVE"],
+}
+"""POS_ZSW1 bits of the displayed function,"""
+_RUNNING_BITS = dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _FIRST["JOGGING"])
+"""and of the one that is."""
+_SELECTABLE = (State.IDLE, State.BRAKING)
+"""Nothing else runs: the selected mode is shown."""
+_OUTPUT_1 = signal("POS_ZSW2").bit("OUTPUT_1").position
+
+
 @dataclass(slots=True, unsafe_hash=True)
 class _Task:
     """The data of the frame that brought an edge of STW1.6, or a change under continuous update. Never changed."""
@@ -92,44 +129,18 @@ class _Task:
 
 
 class Positioner:
-    """One axis' positioner."""
+    """The state machine of one axis' positioner: its table, the function that runs, and the commands before this step."""
 
-    def __init__(
-        self,
-        choices: PositionerChoices,
-        transitions: Mapping[State, tuple[Transition, ...]] = TRANSITIONS,
-    ) -> None:
-        self.choices = choices
-        self.result = PositionerResult()
-        self._state = self.result.state = next(iter(transitions))
-        self.seen = PositionerFeedback()
+    def __init__(self, course: Course, transitions: Mapping[State, tuple[Transition, ...]]) -> None:
+        self.course = course
+        self.seen = course.seen
         """State of the axis, read before each step."""
-        self._course = Course(choices, self.result, self.seen, choices.position_window)
-        self._chain = BlockChain(BlockTable(choices.blocks), self._course)
+        self.state = next(iter(transitions))
+        self.home_set = False
         self.request = NOTHING
-        """The commands of this step,"""
-        self._now = 0
-        """and its time, monotonic ns."""
-        self._pending: _Task | None = None
-        """The task of the newest edge, while it waits for standstill."""
-        self._task: _Task | None = None
-        """The task that runs."""
-        self._owed = False
-        """STW1.6 is still 1 after the edge of the task: acknowledge the task."""
-        self._armed = 0
-        """The bits of the jogs that may start: the bit was 0 in operation, and has started nothing since."""
-        self._jog = 0
-        """The bit of the one that moves the axis; 0: none."""
-        self._homing_until = 0
-        """End of POS_ZSW1.11 = 1, monotonic ns; 0: it has ended."""
-        self._probe_requested = False
-        """Passive homing was requested in the last step."""
+        """The commands of this step."""
         self._commands = 0
         """The commands that were evaluated last; out of operation without those whose edges count."""
-        self._edges = 0
-        """Those that rose then."""
-        self._homing_waits = False
-        """An edge of STW1.11 that came while the axis was braking, or now."""
         events, actions = self._events(), self._actions()
 
         def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
@@ -144,9 +155,120 @@ class Positioner:
     def _events(self) -> dict[Event, Callable[[], int]]:
         """The checks of the events."""
         return {
-            Event.NOT_OPERATING: lambda: not self.seen.operating,
-            Event.OPERATING: lambda: self.seen.operating,
+            Event.NOT_OPERATING: lambda: not self.seen.bits & _OPERATING,
             Event.REJECTED: lambda: not self.request.commands & _DO_NOT_REJECT,
+            Event.HOMING_WITHDRAWN: lambda: not self.request.commands & HOME,
+        }
+
+    def _actions(self) -> dict[Action, Callable[[], None]]:
+        """The functions of the actions."""
+        return {
+            Action.NOTHING: lambda: None,
+            Action.DROP: self._drop,
+            Action.BRAKE: self._brake,
+            Action.START: self._start,
+            Action.REPLACE: self._start,
+            Action.HOME: self._start_homing,
+        }
+
+    @property
+    def expects_end(self) -> bool:
+        """The axis is at standstill, and the end of its motion to a position is due."""
+        return self.course.expects_end()
+
+    @property
+    def way(self) -> int:
+        """Remaining distance to the target, or the speed of a speed task with its sign; 0 without a task."""
+        goal = self.course.goal
+        if goal is None:
+            return 0
+        return goal.velocity if goal.kind is MotionKind.SPEED else goal.target - self.seen.position
+
+    def forget_home(self) -> None:
+        """The drive has new coordinates: its home position is unknown."""
+        self.home_set = False
+
+    def step(self, request: PositionerRequest, now: int) -> Reason | None:
+        """Run one cycle; return why nothing moves just now. ``now``: monotonic nanoseconds."""
+        raise NotImplementedError
+
+    def warn(self, reason: Reason | None) -> None:
+        """Replace the warning; None: end it."""
+        self.course.warning = reason
+
+    def _take_transition(self, calm: bool) -> None:
+        """Take the first transition whose event is there."""
+        for happened, act, row in self._table[self.state][calm]:
+            if happened():
+                act()
+                if row.lost:
+                    bits = self._commands if not self._commands & _PASSIVE_HOMING else self._commands & ~HOME
+                    self.warn(next((warning for warning in row.lost if bits & HELD[warning]), self.course.warning))
+                self.state = row.target
+                break
+
+    def _find_edges(self) -> int:
+        """Rising edges of this step; bits that were 1 before operation are not edges."""
+        commands, warning = self.request.commands, self.course.warning
+        edges = commands & ~self._commands
+        self._commands = commands
+        if warning in HELD and warning is not Reason.LOST_EDGE and not commands & HELD[warning]:
+            self.warn(None)
+        return edges
+
+    def _homing_is(self, result: HomingResult) -> bool:
+        return self.seen.taken >= self.course.motion.serial and self.seen.homing is result
+
+    def _forget(self) -> None:
+        """No function runs."""
+        self.course.drop()
+
+    def _drop(self) -> None:
+        raise NotImplementedError
+
+    def _brake(self) -> None:
+        raise NotImplementedError
+
+    def _start(self) -> None:
+        raise NotImplementedError
+
+    def _start_homing(self) -> None:
+        raise NotImplementedError
+
+
+class BasicPositioner(Positioner):
+    """One axis' positioner with blocks, setting up, jog and the user's coordinates."""
+
+    course: UserCourse
+
+    def __init__(self, choices: PositionerChoices) -> None:
+        self.choices = choices
+        course = UserCourse(PositionerFeedback(), choices.position_window, choices=choices)
+        self._chain = BlockChain(BlockTable(choices.blocks), course)
+        self._now = 0
+        """Time of this step, monotonic ns."""
+        self._pending: _Task | None = None
+        """The task of the newest edge, while it waits for standstill."""
+        self._task: _Task | None = None
+        """The task that runs."""
+        self._shown = State.OFF
+        """The function in POS_ZSW1: also that of a finished task until STW1.6 falls; IDLE for none."""
+        self._acknowledge = Acknowledge.NONE
+        self._armed = 0
+        """The bits of the jogs that may start: the bit was 0 in operation, and has started nothing since."""
+        self._jog = 0
+        """The bit of the one that moves the axis; 0: none."""
+        self._homing_until = 0
+        """End of POS_ZSW1.11 = 1, monotonic ns; 0: it has ended."""
+        self._passive_homing = PassiveHoming.OFF
+        self._homing_waits = False
+        """An edge of STW1.11 that came while the axis was braking, or now."""
+        super().__init__(course, TRANSITIONS)
+
+    def _events(self) -> dict[Event, Callable[[], int]]:
+        return {
+            **super()._events(),
+            Event.OPERATING: lambda: self.seen.bits & _OPERATING,
             Event.TASK_REFUSED: lambda: self._pending is not None and self._pending.refusal is not None,
             Event.MDI: lambda: self._pending is not None and self._pending.event is Event.MDI,
             Event.SETTING_UP: lambda: self._pending is not None and self._pending.event is Event.SETTING_UP,
@@ -159,98 +281,95 @@ class Positioner:
             Event.JOG_INCREMENTAL: lambda: self.request.commands & _JOG_INCREMENTAL and self._jog_asked(),
             Event.JOG_RELEASED: lambda: self._jog_bit() != self._jog,
             Event.HOMING: lambda: self._homing_waits,
-            Event.HOMING_WITHDRAWN: lambda: not self.request.commands & HOME,
             Event.HOMING_ATTAINED: lambda: self._homing_is(HomingResult.ATTAINED),
             Event.HOMING_FAILED: lambda: self._homing_is(HomingResult.FAILED),
             Event.TRACKING: lambda: self.request.commands & _TRACKS,
             Event.TRACKING_OFF: lambda: not self.request.commands & _TRACKS,
-            Event.STANDING: lambda: self.seen.standstill,
+            Event.STANDING: lambda: self.seen.bits & _STANDSTILL,
         }
 
     def _actions(self) -> dict[Action, Callable[[], None]]:
-        """The functions of the actions."""
         return {
-            Action.NOTHING: lambda: None,
-            Action.DROP: self._drop,
+            **super()._actions(),
             Action.CLEAR: self._clear,
-            Action.BRAKE: self._brake,
             Action.REFUSE: self._refuse,
             Action.REFUSE_AND_BRAKE: self._refuse_and_brake,
-            Action.START: self._start,
-            Action.REPLACE: self._start,
             Action.UPDATE: self._update,
             Action.FOLLOW: lambda: self._chain.follow(self._now),
             Action.FINISH: self._forget,
             Action.JOG: self._start_jog,
             Action.JOG_DISTANCE: self._start_jog,
-            Action.HOME: self._start_homing,
             Action.HOMED: self._homed,
-            Action.HOMING_ERROR: lambda: self._warn(Reason.HOMING_ERROR),
+            Action.HOMING_ERROR: lambda: self.warn(Reason.HOMING_ERROR),
         }
 
-    def set_ranges(self, positions: tuple[int, int], distances: tuple[int, int]) -> None:
-        """Set the range of the drive's positions, in its own coordinates, and of one relative task."""
-        self._course.positions, self._course.distances = positions, distances
-
-    def require_velocity(self, velocity: int) -> None:
-        """Set the only velocity of a task to a position, for a drive without 6081h; 0: any."""
-        self._course.only_velocity = velocity
+    def set_drive(self, velocity: int, positions: tuple[int, int], distances: tuple[int, int]) -> None:
+        """Set the only velocity of a task to a position, for a drive without 6081h (0: any), the range of the drive's positions,
+        in its own coordinates, and that of one relative task."""
+        course = self.course
+        course.only_velocity, course.positions, course.distances = velocity, positions, distances
 
     @property
-    def expects_end(self) -> bool:
-        """The axis is at standstill, and the end of its motion to a position is due."""
-        return self._course.expects_end()
+    def armed(self) -> bool:
+        """The probe is to be armed: passive homing."""
+        return self._passive_homing is PassiveHoming.ARMED
 
     @property
-    def way(self) -> int:
-        """Remaining distance to the target, or the speed of a speed task with its sign; 0 without a task."""
-        goal = self._course.goal
-        if goal is None:
-            return 0
-        return goal.velocity if goal.kind is MotionKind.SPEED else goal.target - self.seen.position
+    def acknowledged(self) -> bool:
+        """The task is acknowledged."""
+        return self._acknowledge is Acknowledge.SHOWN
+
+    @property
+    def reached(self) -> bool:
+        """The axis has ended its function, or there is none."""
+        state = self.state
+        if state is _MDI:
+            return self.course.arrived()
+        rests = (state is _IDLE or state is _TRACKING) and self.seen.bits & _STANDSTILL != 0
+        return rests and self._pending is None and not self._homing_waits
 
     def forget_home(self) -> None:
-        """The drive has new coordinates: its home position is unknown."""
-        self.result.home_set = False
-        self._course.offset = 0
+        super().forget_home()
+        self.course.offset = 0
 
-    def step(self, request: PositionerRequest, now: int) -> PositionerResult:
-        """Run one cycle. ``now``: monotonic nanoseconds."""
+    def step(self, request: PositionerRequest, now: int) -> Reason | None:
         self.request, self._now = request, now
-        result, course, commands = self.result, self._course, request.commands
-        if self._owed:
-            self._show_acknowledge()
-        course.look(commands & _SOFTWARE_LIMITS != 0 and result.home_set)
-        if commands != self._commands or self.seen.operating is (self._state is _OFF):
+        course, commands, operating = self.course, request.commands, self.seen.bits & _OPERATING != 0
+        if self._acknowledge is not _NOT_OWED:
+            self._acknowledge_task()
+        course.watch_limits(commands & _SOFTWARE_LIMITS != 0 and self.home_set)
+        course.look()
+        if commands != self._commands or operating is (self.state is _OFF):
             self._read_request()
-        if (commands & HOME or self._probe_requested) and self._state is not _OFF:
+        if (commands & HOME or self._passive_homing is not _NOT_PASSIVE) and self.state is not _OFF:
             self._home_on_the_fly()
-        calm = self.seen.operating and commands & _DO_NOT_REJECT != 0 and self._pending is None
+        calm = operating and commands & _DO_NOT_REJECT != 0 and self._pending is None
         self._take_transition(calm)
         if self._chain.block is not None:
             self._chain.look_ahead()
-        if self._state is not _HOMING:
+        state = self.state
+        if state is not _HOMING:
             course.follow(request, now)
-        self._show()
-        return result
+        if (state is _IDLE or state is _TRACKING) and (not commands & ACTIVATE or self._shown is _OFF):
+            self._shown = _IDLE
+        if now >= self._homing_until:
+            self._homing_until = 0
+        return self._reason(commands)
 
-    def _take_transition(self, calm: bool) -> None:
-        """Take the first transition whose event is there."""
-        for happened, act, row in self._table[self._state][calm]:
-            if happened():
-                act()
-                if row.lost:
-                    bits = self._commands if not self._commands & _PASSIVE_HOMING else self._commands & ~HOME
-                    self._warn(next((warning for warning in row.lost if bits & HELD[warning]), self.result.warning))
-                self._state = self.result.state = row.target
-                break
+    def _reason(self, commands: int) -> Reason | None:
+        """Why nothing moves just now."""
+        reason = self.course.held or (None if commands & _DO_NOT_REJECT else _REJECTED) or self.course.warning
+        jog = commands & _JOGS and not commands & _JOG_INCREMENTAL
+        if jog and self.state is _IDLE and reason is None and not self._jog_asked():
+            return Reason.LOST_JOG
+        return reason
 
     # -- inputs ---------------------------------------------------------------------------------------------------------
 
     def _read_request(self) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
-        self._find_edges()
-        operating, commands = self.seen.operating, self.request.commands
+        edges = self._find_edges()
+        operating, commands = self.seen.bits & _OPERATING != 0, self.request.commands
         if not operating:
             self._commands &= ~RISING
         accepts = commands & _DO_NOT_REJECT
@@ -261,36 +380,28 @@ class Positioner:
             self._pending = None
         if not (accepts and commands & HOME):
             self._homing_waits = False
-        if self._state is _OFF:
+        if self.state is _OFF:
             return
-        if self._edges & ACTIVATE:
+        if edges & ACTIVATE:
             if not accepts:
-                self._warn(Reason.LOST_EDGE)
-            elif self._state not in TASK_STATES:
-                self._warn(Reason.FUNCTION_RUNS)
-            elif commands & _NO_INTERMEDIATE_STOP or self._state in _KEPT:
+                self.warn(Reason.LOST_EDGE)
+            elif self.state not in TASK_STATES:
+                self.warn(Reason.FUNCTION_RUNS)
+            elif commands & _NO_INTERMEDIATE_STOP or self.state in _KEPT:
                 self._pending = self._captured()
             else:
-                self._warn(Reason.LOST_EDGE)
-        if self._edges & HOME and not commands & _PASSIVE_HOMING:
+                self.warn(Reason.LOST_EDGE)
+        if edges & HOME and not commands & _PASSIVE_HOMING:
             if not accepts:
-                self._warn(Reason.LOST_HOMING)
-            elif self._state is _IDLE or self._state is State.BRAKING:
+                self.warn(Reason.LOST_HOMING)
+            elif self.state is _IDLE or self.state is State.BRAKING:
                 self._homing_waits = True
             else:
-                self._warn(Reason.FUNCTION_RUNS)
-        if self._edges & Command.EXTERNAL_BLOCK_CHANGE:
+                self.warn(Reason.FUNCTION_RUNS)
+        if edges & Command.EXTERNAL_BLOCK_CHANGE:
             self._chain.external = True
-        if self._edges & Command.SET_REFERENCE_POINT:
+        if edges & Command.SET_REFERENCE_POINT:
             self._set_reference_point()
-
-    def _find_edges(self) -> None:
-        """Rising edges of this step; bits that were 1 before operation are not edges."""
-        commands, warning = self.request.commands, self.result.warning
-        self._edges = commands & ~self._commands
-        self._commands = commands
-        if warning in HELD and warning is not Reason.LOST_EDGE and not commands & HELD[warning]:
-            self._warn(None)
 
     def _captured(self) -> _Task:
         """The present request, and why it is impossible."""
@@ -311,7 +422,7 @@ class Positioner:
                 refusal = Reason.TASK_DIRECTION if direction is _SHORTEST else None
             elif commands & DIRECTIONS == DIRECTIONS and self.choices.modulo and absolute:
                 refusal = Reason.TASK_DIRECTION
-            elif not self._course.in_range(target, absolute, direction):
+            elif not self.course.in_range(target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
         how, ramps = commands & (_ABSOLUTE | DIRECTIONS), (request.acceleration, request.deceleration)
         return _Task(event, refusal, request.number, how, target, velocity, *ramps, direction)
@@ -321,10 +432,10 @@ class Positioner:
         request, task, commands = self.request, self._task, self.request.commands
         if commands & _UPDATES != _UPDATES or not commands & _MDI_SELECTED or task is None:
             return False
-        if task.is_of(request) or (commands & _SETTING_UP_SELECTED != 0) is not (self._state is _SETTING_UP):
+        if task.is_of(request) or (commands & _SETTING_UP_SELECTED != 0) is not (self.state is _SETTING_UP):
             return False
-        if self._state is _MDI and not commands & task.how & _ABSOLUTE:
-            self._warn(Reason.UPDATE_RELATIVE)
+        if self.state is _MDI and not commands & task.how & _ABSOLUTE:
+            self.warn(Reason.UPDATE_RELATIVE)
             return False
         return True
 
@@ -336,53 +447,48 @@ class Positioner:
     def _jog_asked(self) -> bool:
         return self._jog_bit() & self._armed != 0
 
-    def _homing_is(self, result: HomingResult) -> bool:
-        return self.seen.taken >= self.result.motion.serial and self.seen.homing is result
-
     def _finished(self) -> bool:
-        if self._state is _MDI and self.request.commands & _UPDATES == _UPDATES:
+        if self.state is _MDI and self.request.commands & _UPDATES == _UPDATES:
             return False
-        return self._course.arrived() or (self._course.goal is None and self.seen.standstill)
+        return self.course.arrived() or (self.course.goal is None and self.seen.bits & _STANDSTILL != 0)
 
     # -- functions ------------------------------------------------------------------------------------------------------
 
-    def _warn(self, reason: Reason | None) -> None:
-        self.result.warning = reason
-
     def _clear(self) -> None:
         """Operation begins, or a reject without a function. An edge that started nothing stays named until operation."""
-        if self._state is _OFF or self.result.warning not in HELD:
-            self._warn(None)
+        if self.state is _OFF or self.course.warning not in HELD:
+            self.warn(None)
 
     def _forget(self) -> None:
+        super()._forget()
         self._pending = self._task = None
         self._homing_waits = False
         self._jog = 0
-        self._course.drop()
         self._chain.drop()
 
     def _begin(self) -> None:
         """A function other than a task begins."""
         self._forget()
-        self._warn(None)
-        self.result.shown = _IDLE
+        self.warn(None)
+        self._shown = _IDLE
 
     def _drop(self) -> None:
         self._forget()
-        result = self.result
-        result.probe = result.acknowledged = self._owed = False
-        result.shown = _OFF
-        result.outputs = 0
+        if self._passive_homing is _ARMED:
+            self._passive_homing = _OVER
+        self._acknowledge = _NOT_OWED
+        self._shown = _OFF
+        self._chain.outputs = 0
 
     def _brake(self) -> None:
         self._forget()
         if not self.request.commands & _DO_NOT_REJECT:
-            self._warn(None)
-        self.result.shown = _IDLE
+            self.warn(None)
+        self._shown = _IDLE
 
     def _refuse(self) -> None:
         pending, self._pending = self._pending, None
-        self._warn((pending and pending.refusal) or Reason.FUNCTION_RUNS)
+        self.warn((pending and pending.refusal) or Reason.FUNCTION_RUNS)
 
     def _refuse_and_brake(self) -> None:
         self._refuse()
@@ -393,11 +499,10 @@ class Positioner:
         assert task is not None, "the rows with a start follow an edge"
         homing_waits = self._homing_waits
         self._forget()
-        self._warn(Reason.FUNCTION_RUNS if homing_waits else None)
+        self.warn(Reason.FUNCTION_RUNS if homing_waits else None)
         self._task = task
-        self._owed = True
-        self.result.acknowledged = False
-        self.result.shown = _FUNCTION[task.event]
+        self._acknowledge = Acknowledge.OWED
+        self._shown = _FUNCTION[task.event]
         if task.event is _BLOCK_TASK:
             self._chain.run(task.block, self._now)
         else:
@@ -405,20 +510,20 @@ class Positioner:
 
     def _update(self) -> None:
         task = self._task = self._captured()
-        refusal = self.result.warning = task.refusal
+        refusal = self.course.warning = task.refusal
         if refusal is None:
             self._pursue(task)
         else:
-            self._course.drop_goal()
+            self.course.drop_goal()
 
     def _pursue(self, task: _Task) -> None:
         velocity, acceleration, deceleration = task.velocity, task.acceleration, task.deceleration
         if task.event is _SETTING_UP_TASK:
-            self._course.go(velocity if task.direction is _POSITIVE else -velocity, acceleration, deceleration)
+            self.course.go(velocity if task.direction is _POSITIVE else -velocity, acceleration, deceleration)
         else:
             torque = self.choices.clamping_torque if self.request.to_fixed_stop else None
             absolute = task.how & _ABSOLUTE != 0
-            self._course.go_to(task.target, absolute, velocity, acceleration, deceleration, torque, task.direction)
+            self.course.go_to(task.target, absolute, velocity, acceleration, deceleration, torque, task.direction)
 
     def _start_jog(self) -> None:
         self._begin()
@@ -428,9 +533,9 @@ class Positioner:
         if self.request.commands & _JOG_INCREMENTAL:
             self._armed &= ~self._jog
             distance = self.choices.jog_distances[place]
-            self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
+            self.course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
         else:
-            self._course.go(velocity, FULL, FULL, scaled=False)
+            self.course.go(velocity, FULL, FULL, scaled=False)
 
     # -- homing and the reference point ---------------------------------------------------------------------------------
 
@@ -439,92 +544,108 @@ class Positioner:
         self._begin()
         self.forget_home()
         self._homing_until = self._now + SHOWN_NS
-        motion = self.result.motion
-        motion.kind = MotionKind.HOMING
-        motion.torque = None
-        motion.serial += 1
+        self.course.home()
 
     def _homed(self) -> None:
         """The drive's position now counts from the home position, which is the reference coordinate."""
-        self._course.offset = self._reference_coordinate()
-        self.result.home_set = True
+        self.course.offset = self._reference_coordinate()
+        self.home_set = True
 
     def _set_reference_point(self) -> None:
-        if (self._state is _IDLE or self._state is _TRACKING) and self.seen.standstill:
+        if (self.state is _IDLE or self.state is _TRACKING) and self.seen.bits & _STANDSTILL:
             self._refer(self.seen.position)
         else:
-            self._warn(Reason.REFERENCE_POINT_MOVING)
+            self.warn(Reason.REFERENCE_POINT_MOVING)
 
     def _reference_coordinate(self) -> int:
         request = self.request.reference_coordinate
         return self.choices.reference_coordinate if request is None else request
 
     def _refer(self, position: int) -> None:
-        self._course.offset = self._reference_coordinate() - position
-        self._course.limits_moved = True
-        self.result.home_set = True
+        self.course.refer(self._reference_coordinate(), position)
+        self.home_set = True
         self._homing_until = self._now + SHOWN_NS
 
     def _home_on_the_fly(self) -> None:
         """STW1.11 with POS_STW2.8: the probe gives the offset while anything runs; a task keeps its target in the drive."""
-        seen, result = self.seen, self.result
-        wanted = self.request.commands & _ON_THE_FLY == _ON_THE_FLY
-        before, self._probe_requested = self._probe_requested, wanted
-        if not wanted:
-            result.probe = False
-        elif not before:
-            result.probe = True
-        elif result.probe and seen.probe_refused:
-            result.probe = False
-            self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
-        elif result.probe and seen.probe is not None:
-            result.probe = False
-            self._refer(seen.probe)
+        probe = self.seen.probe
+        if self.request.commands & _ON_THE_FLY != _ON_THE_FLY:
+            self._passive_homing = _NOT_PASSIVE
+        elif self._passive_homing is _NOT_PASSIVE:
+            self._passive_homing = _ARMED
+        elif self._passive_homing is _ARMED and probe is not None:
+            self._passive_homing = _OVER
+            if isinstance(probe, Reason):
+                self.warn(probe)
+            else:
+                self._refer(probe)
 
     # -- outputs --------------------------------------------------------------------------------------------------------
 
-    def _show(self) -> None:
-        result, commands, seen, course = self.result, self.request.commands, self.seen, self._course
-        state = self._state
-        position = seen.position + course.offset
-        modulo = self.choices.modulo
-        result.position = position % modulo if modulo else position
-        standing = result.standing = seen.standstill
-        if state is _MDI:
-            result.reached = course.arrived()
-        elif state is _IDLE or state is _TRACKING:
-            if not commands & ACTIVATE or result.shown is _OFF:
-                result.shown = _IDLE
-            result.reached = standing and self._pending is None and not self._homing_waits
-        else:
-            result.reached = False
-        block = self._chain.block
-        result.block = 0 if block is None else block.number
-        if self._now >= self._homing_until:
-            self._homing_until = 0
-        result.homing = state is _HOMING or self._homing_until > 0
-        if commands & _HARDWARE_LIMITS:
-            result.negative_limit, result.positive_limit = seen.negative_limit, seen.positive_limit
-        else:
-            result.negative_limit = result.positive_limit = False
-        limits = course.limits
-        if standing and limits is not None:
-            result.at_minus = position <= limits[0] + self.choices.position_window
-            result.at_plus = position >= limits[1] - self.choices.position_window
-        else:
-            result.at_minus = result.at_plus = False
-        result.reason = course.held or (None if commands & _DO_NOT_REJECT else _REJECTED) or result.warning
-        jog = commands & _JOGS and not commands & _JOG_INCREMENTAL
-        if jog and state is _IDLE and result.reason is None and not self._jog_asked():
-            result.reason = Reason.LOST_JOG
+    @property
+    def position(self) -> int:
+        """Actual position in the user's coordinates."""
+        position, modulo = self.seen.position + self.course.offset, self.choices.modulo
+        return position % modulo if modulo else position
 
-    def _show_acknowledge(self) -> None:
+    def words(self, speed: int, *, reached: bool) -> tuple[int, int]:
+        """POS_ZSW1 and POS_ZSW2. ``speed``: its sign is the direction of an axis that moves."""
+        state, seen, course, block = self.state, self.seen.bits, self.course, self._chain.block
+        first = _FUNCTION_BITS[self._mode()] | _RUNNING_BITS.get(state, 0)
+        if block is not None:
+            first |= block.number
+        if state is _HOMING or self._homing_until:
+            first |= _FIRST["HOMING"]
+        if self._passive_homing is _ARMED:
+            first |= _FIRST["PASSIVE_HOMING"]
+        if self.request.commands & _HARDWARE_LIMITS:
+            if seen & _NEGATIVE_LIMIT:
+                first |= _FIRST["NEGATIVE_HARDWARE_LIMIT"]
+            if seen & _POSITIVE_LIMIT:
+                first |= _FIRST["POSITIVE_HARDWARE_LIMIT"]
+        second = self._chain.outputs << _OUTPUT_1
+        if reached:
+            second |= _SECOND["SETPOINT_STATIONARY"] | _SECOND["SETPOINT_REACHED"]
+        else:
+            second |= _SECOND["SETPOINT_STATIONARY" if course.motion.kind is MotionKind.STAND else "TRAVERSING"]
+        if not seen & _STANDSTILL:
+            second |= _SECOND["MOVES_FORWARD" if speed > 0 else "MOVES_BACKWARD"]
+        elif course.limits is not None:
+            position, (low, high), window = (
+                self.seen.position + course.offset,
+                course.limits,
+                self.choices.position_window,
+            )
+            if position <= low + window:
+                second |= _SECOND["SOFTWARE_LIMIT_MINUS"]
+            if position >= high - window:
+                second |= _SECOND["SOFTWARE_LIMIT_PLUS"]
+        if state is _TRACKING:
+            second |= _SECOND["TRACKING"]
+        if course.speed_limited:
+            second |= _SECOND["SPEED_LIMITED"]
+        goal = course.goal
+        if goal is not None and goal.torque is not None:
+            second |= _SECOND["TO_FIXED_STOP"]
+        if course.fixed_stop:
+            second |= _SECOND["FIXED_STOP_REACHED"] | _SECOND["CLAMPING_TORQUE_REACHED"]
+        return first, second
+
+    def _mode(self) -> State:
+        """The active or last function; else the one that an edge of STW1.6 would start."""
+        commands = self.request.commands
+        if self._shown is not _IDLE or self.state not in _SELECTABLE:
+            return self._shown
+        if not commands & _MDI_SELECTED:
+            return State.BLOCK
+        return _SETTING_UP if commands & _SETTING_UP_SELECTED else _MDI
+
+    def _acknowledge_task(self) -> None:
         """Show the acknowledgement of a task. The drive acknowledges position tasks, the gateway all others."""
-        result, task = self.result, self._task
+        task, course, block = self._task, self.course, self._chain.block
         if not self.request.commands & ACTIVATE:
-            result.acknowledged = self._owed = False
-        elif task is not None and not result.acknowledged:
-            block = self._chain.block
+            self._acknowledge = _NOT_OWED
+        elif task is not None:
             still = task.event is _BLOCK_TASK and block is not None and not block.task.moves
-            speed = self._course.speed is not None
-            result.acknowledged = still or speed or 0 < result.motion.first <= self.seen.taken
+            if still or course.speed is not None or 0 < course.motion.first <= self.seen.taken:
+                self._acknowledge = Acknowledge.SHOWN

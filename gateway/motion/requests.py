@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from pdgw.gateway.motion.blocks import Block
-from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT
@@ -211,6 +210,24 @@ class HomingResult(enum.Enum):
     FAILED = "failed"
 
 
+class Seen(enum.IntEnum):
+    """What an axis shows in a step, one bit each."""
+
+    OPERATING = 1 << 0
+    """Operation is enabled, and a PLC in control requests it."""
+    STANDSTILL = 1 << 1
+    STOPPED = 1 << 2
+    """The axis is at standstill, the drive has ended its ramp, and no setpoint is on its way that may still start."""
+    REACHED = 1 << 3
+    """The drive reports its target reached, for the motion it executes."""
+    ANSWERED = 1 << 4
+    """It does so in answer to the setpoint: not since before it."""
+    INTERNAL_LIMIT = 1 << 5
+    NEGATIVE_LIMIT = 1 << 6
+    POSITIVE_LIMIT = 1 << 7
+    TORQUE_AT_LIMIT = 1 << 8
+
+
 @dataclass(slots=True, eq=False)
 class PositionerFeedback:
     """State of the axis. A motion is *given* when its setpoint was sent to the drive, *taken* when the drive acknowledged it, and
@@ -218,28 +235,15 @@ class PositionerFeedback:
     motion has 2.
     """
 
-    operating: bool = False
-    """Operation is enabled, and a PLC in control requests it."""
+    bits: int = Seen.STANDSTILL | Seen.STOPPED
+    """Bits of ``Seen``."""
     position: int = 0
-    standstill: bool = True
-    stopped: bool = True
-    """The axis is at standstill, the drive has ended its ramp, and no setpoint is on its way that may still start."""
     given: int = 1
     taken: int = 1
     executing: int = 1
-    reached: bool = False
-    """The drive reports its target reached, for the motion it executes."""
-    answered: bool = False
-    """It does so in answer to the setpoint: not since before it."""
     homing: HomingResult = HomingResult.RUNNING
-    internal_limit: bool = False
-    negative_limit: bool = False
-    positive_limit: bool = False
-    torque_at_limit: bool = False
-    probe: int | None = None
-    """Position at the edge of the armed probe."""
-    probe_refused: bool = False
-    """The drive does not carry out the probe that was armed."""
+    probe: int | Reason | None = None
+    """Position at the edge of the armed probe, or why there is none."""
 
 
 class MotionKind(enum.Enum):
@@ -300,38 +304,6 @@ class Motion:
         self.first, self.goal = 0, _NO_GOAL
         self.override = FULL
         self.immediate = True
-
-
-@dataclass(slots=True, eq=False)
-class PositionerResult:
-    """One step's result, reused: the motion, and what telegrams show of it."""
-
-    motion: Motion = field(default_factory=Motion)
-    state: State = State.OFF
-    shown: State = State.OFF
-    """The function in POS_ZSW1: also that of a finished task until STW1.6 falls; IDLE for none."""
-    block: int = 0
-    position: int = 0
-    """Actual position in the user's coordinates."""
-    standing: bool = True
-    acknowledged: bool = False
-    reached: bool = False
-    homing: bool = False
-    home_set: bool = False
-    speed_limited: bool = False
-    at_minus: bool = False
-    at_plus: bool = False
-    negative_limit: bool = False
-    positive_limit: bool = False
-    to_fixed_stop: bool = False
-    fixed_stop: bool = False
-    outputs: int = 0
-    probe: bool = False
-    """The probe is to be armed: passive homing."""
-    warning: Reason | None = None
-    """Active until a reject or the next task."""
-    reason: Reason | None = None
-    """Why nothing moves just now."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ drive (executors).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from pdgw.durations import MS
@@ -20,7 +20,7 @@ from pdgw.gateway.motion.requests import (
     PositionerChoices,
     PositionerFeedback,
     PositionerRequest,
-    PositionerResult,
+    Seen,
 )
 from pdgw.gateway.motion.units import Direction, way
 from pdgw.gateway.reasons import Reason
@@ -34,73 +34,209 @@ stops it. A drive with a limited speed has left standstill by then.
 """
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
 _NO_INTERMEDIATE_STOP: Final = Command.NO_INTERMEDIATE_STOP
+_STANDSTILL, _ANSWERED = Seen.STANDSTILL, Seen.ANSWERED
+_ARRIVED: Final = Seen.REACHED | Seen.STANDSTILL
+_STOPPED_AT_LIMIT: Final = Seen.INTERNAL_LIMIT | Seen.STANDSTILL
+_PRESSES: Final = Seen.STANDSTILL | Seen.TORQUE_AT_LIMIT
 
 
 @dataclass(slots=True, eq=False)
 class Course:
-    """The goal of one axis; ``follow`` once per cycle brings ``outcome.motion`` in line with it."""
+    """The goal of one axis; ``follow`` once per cycle brings ``motion`` in line with it."""
 
-    choices: PositionerChoices
-    result: PositionerResult
     seen: PositionerFeedback
     window: int | None
     """Largest distance from the target of a task that has ended; None: only the drive knows."""
+    only_velocity: int = 0
+    """The velocity of all tasks to a position, on a drive without 6081h; 0: each task has its own."""
+    motion: Motion = field(default_factory=Motion)
+    """What the drive has to do."""
+    goal: Goal | None = None
+    """The present task; None: ramp to standstill."""
+    sent: int = 0
+    """Serial of the newest setpoint of the goal, 0 while there is none."""
+    held: Reason | None = None
+    """Why the goal is kept and not pursued."""
+    warning: Reason | None = None
+    """Active until a reject or the next task."""
+    _limit_since: int = -1
+    """Since when the drive is at standstill at an internal limit, monotonic ns; -1: it is not. 0: the limit stops the goal until
+    another one, or an intermediate stop."""
+
+    def look(self) -> None:
+        """Take the begin of a relative task, before anything is decided."""
+        goal = self.goal
+        if goal is not None and goal.distance is not None and self.waits:
+            self._begin_at(goal, self.seen.position + goal.distance)
+
+    def _begin_at(self, goal: Goal, target: int) -> None:
+        """A relative task begins at the present position: ``target`` is its end."""
+        self.goal = replace(goal, target=target)
+
+    def drop(self) -> None:
+        """No goal any more: ramp to standstill."""
+        self.motion.forget()
+        self.goal = self.held = None
+        self.sent = 0
+        self._limit_since = -1
+
+    def lacks_velocity(self, velocity: int, override: int = FULL) -> bool:
+        """Whether a task to a position is slower than the only velocity of the drive."""
+        return abs(velocity) * override < self.only_velocity * FULL
+
+    def arrived(self) -> bool:
+        """The drive has reached the target of the goal in force, and is at standstill."""
+        seen, goal, window = self.seen, self.goal, self.window
+        if seen.bits & _ARRIVED != _ARRIVED or not self._executes():
+            return False
+        if window is None or goal is None or goal.distance is not None:
+            return seen.bits & _ANSWERED != 0
+        return abs(goal.target - seen.position) <= window
+
+    def _executes(self) -> bool:
+        """The drive has taken the setpoint of a position."""
+        goal = self.goal
+        return goal is not None and goal.kind is _POSITION and 0 < self.sent <= self.seen.taken and not self.held
+
+    def expects_end(self) -> bool:
+        """The end of a motion to a position is due at standstill. At a fixed stop the axis is meant to press on."""
+        goal = self.goal
+        if goal is None or goal.torque is not None or not self.seen.bits & _STANDSTILL:
+            return False
+        return self._executes() and not self.arrived()
+
+    @property
+    def waits(self) -> bool:
+        """There is a goal, and the drive was not given it."""
+        return self.goal is not None and (not self.sent or self.seen.given < self.sent)
+
+    def aim(self, goal: Goal) -> None:
+        """Another goal."""
+        self.goal = goal
+        self.sent = 0
+        self._limit_since = -1
+
+    def drop_goal(self) -> None:
+        """Keep the function without a goal."""
+        self.goal = None
+
+    def home(self) -> None:
+        """Another homing."""
+        motion = self.motion
+        motion.kind = MotionKind.HOMING
+        motion.torque = None
+        motion.serial += 1
+
+    def follow(self, request: PositionerRequest, now: int) -> None:
+        """Adapt the motion to the task: hold, resume, override."""
+        motion, goal = self.motion, self.goal
+        override = request.override if goal is not None and goal.scaled else FULL
+        if goal is not None and goal.kind is _POSITION and self.lacks_velocity(goal.velocity, override):
+            self.warning = Reason.TASK_VELOCITY
+            self.drop_goal()
+            goal = None
+        if goal is None:
+            motion.kind = _STAND
+            motion.torque = self.held = None
+            return
+        held = self.held
+        holds = self.held = self._hold(goal, request, now)
+        if holds:
+            motion.kind = _STAND
+            return
+        if self.sent:
+            if not held and motion.override == override:
+                return
+            if goal.distance is not None and self.seen.given >= self.sent:
+                goal = self.goal = replace(goal, distance=None)  # only once
+        self._send(goal, override)
+
+    def _hold(self, goal: Goal, request: PositionerRequest, now: int) -> Reason | None:
+        """Why a task is kept but not executed."""
+        if not request.commands & _NO_INTERMEDIATE_STOP:
+            self._limit_since = -1
+            return Reason.INTERMEDIATE_STOP
+        if goal.scaled and request.override == 0:
+            return Reason.OVERRIDE_ZERO
+        seen, since = self.seen, self._limit_since
+        if since:
+            stands = seen.bits & _STOPPED_AT_LIMIT == _STOPPED_AT_LIMIT and self.sent and seen.given >= self.sent
+            # At a fixed stop the axis is meant to stay at the torque limit.
+            if not stands or goal.torque is not None or self.arrived():
+                self._limit_since = -1
+            elif since < 0:
+                self._limit_since = now
+            elif now - since >= LIMIT_STANDING_NS:
+                self._limit_since = 0
+        return None if self._limit_since else Reason.TASK_AT_LIMIT
+
+    def _send(self, goal: Goal, override: int) -> None:
+        motion = self.motion
+        self.sent = motion.serial = serial = motion.serial + 1
+        motion.kind, motion.goal, motion.torque = goal.kind, goal, goal.torque
+        motion.override, motion.immediate = override, True
+        if not motion.first:
+            motion.first = serial
+
+
+@dataclass(slots=True, eq=False)
+class UserCourse(Course):
+    """The same in the user's coordinates: with speeds, software limits, fixed stops, and a setpoint that waits in the drive.
+
+    It names its base, because ``super`` does not find that of a class that ``dataclass`` made again for its slots.
+    """
+
+    choices: PositionerChoices = field(kw_only=True)
     positions: tuple[int, int] = DataType.INTEGER32.integer_range
     """Positions that the drive accepts, and"""
     distances: tuple[int, int] = DataType.INTEGER32.integer_range
     """distances of one relative task; at first all that a telegram can request."""
     offset: int = 0
     """User's coordinate minus the drive's."""
-    goal: Goal | None = None
-    """The present task; None: ramp to standstill."""
-    sent: int = 0
-    """Serial of the newest setpoint of the goal, 0 while there is none."""
     speed: Goal | None = None
     """The task of a function with a speed, without software limits."""
-    held: Reason | None = None
-    """Why the goal is kept and not pursued."""
     queued: int = 0
     """Serial of the setpoint that waits in the drive, 0 for none."""
-    only_velocity: int = 0
-    """The velocity of all tasks to a position, on a drive without 6081h; 0: each task has its own."""
     limits: tuple[int, int] | None = None
     """The software limits, while they are watched."""
     limits_moved: bool = False
     """They became active or inactive, or their place in the drive's coordinates changed."""
+    speed_limited: bool = False
+    """The speed of the newest setpoint is the maximum, because more was requested."""
     _limited: bool = False
     """The requested speed was above the maximum."""
-    _limit_since: int = -1
-    """Since when the drive is at standstill at an internal limit, monotonic ns; -1: it is not."""
-    _at_limit: bool = False
-    """This limit stops the goal until another one, or an intermediate stop."""
     _stop_since: int = -1
-    """Since when the axis is at standstill at its torque limit, monotonic ns; -1: it is not."""
+    """Since when the axis is at standstill at its torque limit, monotonic ns; -1: it is not; 0: that is a fixed stop."""
 
-    def look(self, limits: bool) -> None:
-        """Take whether the software limits are watched, and the begin of a relative task, before anything is decided."""
-        watched = self.choices.software_limits if limits else None
-        if watched is not self.limits:
-            self.limits, self.limits_moved = watched, True
-        goal = self.goal
-        if goal is not None and goal.distance is not None and self.waits:
-            self._begin_at(goal, self.seen.position + goal.distance)
+    @property
+    def fixed_stop(self) -> bool:
+        """The axis has reached the fixed stop of its task."""
+        return self._stop_since == 0
+
+    def watch_limits(self, watched: bool) -> None:
+        """Take whether the software limits are watched, before anything is decided."""
+        limits = self.choices.software_limits if watched else None
+        if limits is not self.limits:
+            self.limits, self.limits_moved = limits, True
+
+    def refer(self, coordinate: int, position: int) -> None:
+        """A position of the drive has this coordinate of the user."""
+        self.offset = coordinate - position
+        self.limits_moved = True
 
     def _begin_at(self, goal: Goal, target: int) -> None:
-        """A relative task begins at the present position: ``target`` is its end, or the software limit before it."""
+        """``target`` is its end, or the software limit before it."""
         limits = self.limits
         inside = target if limits is None else self._inside(target + self.offset, limits) - self.offset
         if inside == target:
-            self.goal = replace(goal, target=target)
+            Course._begin_at(self, goal, target)
         else:
-            self.result.warning = Reason.SOFTWARE_LIMIT
+            self.warning = Reason.SOFTWARE_LIMIT
             self.aim(replace(goal, target=inside, distance=None))
 
     def drop(self) -> None:
-        """No goal any more: ramp to standstill."""
-        self.result.motion.forget()
-        self.goal = self.speed = self.held = None
-        self.sent = self.queued = 0
-        self._at_limit = False
+        Course.drop(self)
+        self.drop_goal()
 
     def _aim_again(self) -> None:
         """The software limits have another place: a target beyond them is replaced, or the axis stops if it is beyond already."""
@@ -110,7 +246,7 @@ class Course:
         elif goal is not None and limits is not None:
             target = self._inside(goal.target + self.offset, limits) - self.offset
             if target != goal.target:
-                self.result.warning = Reason.SOFTWARE_LIMIT
+                self.warning = Reason.SOFTWARE_LIMIT
                 position = self.seen.position
                 if (target - position) * (goal.target - position) > 0:
                     self.aim(replace(goal, target=target, distance=None))
@@ -141,37 +277,6 @@ class Course:
         modulo = self.choices.modulo
         return begin + way(begin, target, modulo, direction, self.choices.position_window) if modulo else target
 
-    def lacks_velocity(self, velocity: int, override: int = FULL) -> bool:
-        """Whether a task to a position is slower than the only velocity of the drive."""
-        return abs(velocity) * override < self.only_velocity * FULL
-
-    def arrived(self) -> bool:
-        """The drive has reached the target of the goal in force, and is at standstill."""
-        seen = self.seen
-        if not (seen.reached and seen.standstill and self._executes()):
-            return False
-        window = self.window
-        if window is None or self.goal is None or self.goal.distance is not None:
-            return seen.answered
-        return abs(self.goal.target - seen.position) <= window
-
-    def _executes(self) -> bool:
-        """The drive has taken the setpoint of a position."""
-        goal = self.goal
-        return goal is not None and goal.kind is _POSITION and 0 < self.sent <= self.seen.taken and not self.held
-
-    def expects_end(self) -> bool:
-        """The end of a motion to a position is due at standstill. At a fixed stop the axis is meant to press on."""
-        seen, goal = self.seen, self.goal
-        return seen.standstill and goal is not None and goal.torque is None and self._executes() and not self.arrived()
-
-    @property
-    def waits(self) -> bool:
-        """There is a goal, and the drive was not given it."""
-        return self.goal is not None and (not self.sent or self.seen.given < self.sent)
-
-    # -- goals ----------------------------------------------------------------------------------------------------------
-
     def go(self, velocity: int, acceleration: int, deceleration: int, *, scaled: bool = True) -> None:
         """Move with a signed speed, to the software limit where one is watched."""
         limited = max(-self.choices.max_velocity, min(velocity, self.choices.max_velocity))
@@ -191,7 +296,7 @@ class Course:
             self.aim(replace(speed, kind=_POSITION, target=target, velocity=abs(speed.velocity)))
         else:
             self.goal = None
-            self.result.warning = Reason.SOFTWARE_LIMIT
+            self.warning = Reason.SOFTWARE_LIMIT
 
     def go_to(
         self,
@@ -214,7 +319,7 @@ class Course:
             inside = self._inside(end, self.limits)
             if inside != end:
                 end, distance = inside, None
-                self.result.warning = Reason.SOFTWARE_LIMIT
+                self.warning = Reason.SOFTWARE_LIMIT
         target = end - self.offset
         self.aim(Goal(_POSITION, target, distance, limited, acceleration, deceleration, torque=torque))
 
@@ -224,95 +329,48 @@ class Course:
         return max(limits[0], min(position, limits[1]))
 
     def aim(self, goal: Goal) -> None:
-        """Another goal."""
-        result = self.result
-        self.goal = goal
-        self.sent = self.queued = 0
-        self._at_limit = result.fixed_stop = False
-        self._limit_since = self._stop_since = -1
-        result.to_fixed_stop = goal.torque is not None
+        Course.aim(self, goal)
+        self.queued = 0
+        self._stop_since = -1
 
     def drop_goal(self) -> None:
-        """Keep the function without a goal."""
-        self.goal = self.speed = None
+        Course.drop_goal(self)
+        self.speed = None
         self.queued = 0
 
-    # -- setpoints -----------------------------------------------------------------------------------------------------
-
     def follow(self, request: PositionerRequest, now: int) -> None:
-        """Adapt the motion to the task: hold, resume, override, software limits."""
-        motion, goal = self.result.motion, self.goal
+        """The same, with software limits and fixed stop."""
         if self.limits_moved:
             self.limits_moved = False
             self._aim_again()
-            goal = self.goal
-        override = request.override if goal is not None and goal.scaled else FULL
-        if goal is not None and goal.kind is _POSITION and self.lacks_velocity(goal.velocity, override):
-            self.result.warning = Reason.TASK_VELOCITY
-            self.drop_goal()
-            goal = None
+        Course.follow(self, request, now)
+        goal = self.goal
         if goal is None:
-            motion.kind = _STAND
-            motion.torque = None
-            self.held = None
-            self.result.to_fixed_stop = self.result.fixed_stop = False
+            self._stop_since = -1
             return
-        held = self.held
-        holds = self.held = self._hold(goal, request, now)
         if goal.torque is not None:
             self._detect_fixed_stop(now)
-        if holds:
-            motion.kind = _STAND
+        if self.held:
             self.queued = 0
-            return
-        if self.sent:
-            if not held and motion.override == override:
-                return
-            if goal.distance is not None and self.seen.given >= self.sent:
-                goal = self.goal = replace(goal, distance=None)  # only once
-        self._send(motion, goal, override)
 
-    def _hold(self, goal: Goal, request: PositionerRequest, now: int) -> Reason | None:
-        """Why a task is kept but not executed."""
-        seen = self.seen
-        if not request.commands & _NO_INTERMEDIATE_STOP:
-            self._at_limit = False
-            self._limit_since = -1
-            return Reason.INTERMEDIATE_STOP
-        if goal.scaled and request.override == 0:
-            return Reason.OVERRIDE_ZERO
-        stands = seen.internal_limit and seen.standstill and self.sent and seen.given >= self.sent
-        # At a fixed stop the axis is meant to stay at the torque limit.
-        if not stands or goal.torque is not None or self.arrived():
-            self._limit_since = -1
-        elif self._limit_since < 0:
-            self._limit_since = now
-        elif now - self._limit_since >= LIMIT_STANDING_NS:
-            self._at_limit = True
-        return Reason.TASK_AT_LIMIT if self._at_limit else None
-
-    def _send(self, motion: Motion, goal: Goal, override: int) -> None:
-        self.sent = motion.serial = serial = motion.serial + 1
+    def _send(self, goal: Goal, override: int) -> None:
+        Course._send(self, goal, override)
         self.queued = 0
-        motion.kind, motion.goal, motion.torque = goal.kind, goal, goal.torque
-        motion.override, motion.immediate = override, True
         highest = self.choices.max_velocity * FULL
-        self.result.speed_limited = self._limited or abs(goal.velocity) * override > highest
-        if not motion.first:
-            motion.first = serial
+        self.speed_limited = self._limited or abs(goal.velocity) * override > highest
 
     def queue(self, position: int, absolute: bool, velocity: int, acceleration: int, deceleration: int) -> None:
         """Send a position task that waits in the drive for the end of the goal; not beyond a limit, where the axis must stop."""
         goal = self.goal
         if goal is None or self.held or self.queued or self.seen.taken < self.sent:
             return
-        if self.lacks_velocity(velocity, self.result.motion.override):
+        if self.lacks_velocity(velocity, self.motion.override):
             return
         target = position - self.offset if absolute else goal.target + position
         end = target + self.offset
         if (self.limits is not None and self._inside(end, self.limits) != end) or not self.in_range(end, True):
             return
-        motion = self.result.motion
+        motion = self.motion
         motion.serial += 1
         motion.goal = Goal(
             _POSITION, target, None, min(velocity, self.choices.max_velocity), acceleration, deceleration
@@ -322,15 +380,16 @@ class Course:
 
     def use_queued(self) -> None:
         """The drive has gone over to the setpoint that waited: it is the goal now."""
-        motion = self.result.motion
-        self.aim(motion.goal)
-        self.sent = motion.serial
+        self.aim(self.motion.goal)
+        self.sent = self.motion.serial
 
     def _detect_fixed_stop(self, now: int) -> None:
-        seen = self.seen
-        if not (seen.standstill and seen.torque_at_limit):
+        since = self._stop_since
+        if not since:
+            return
+        if self.seen.bits & _PRESSES != _PRESSES:
             self._stop_since = -1
-        elif self._stop_since < 0:
+        elif since < 0:
             self._stop_since = now
-        elif now - self._stop_since >= FIXED_STOP_NS:
-            self.result.fixed_stop = True
+        elif now - since >= FIXED_STOP_NS:
+            self._stop_since = 0

@@ -34,7 +34,7 @@ FULL_SPEED = {**ABSOLUTE, "velocity": ONLY}
 
 def positioner(*blocks: Block) -> PositionerRig:
     rig = PositionerRig(blocks=blocks)
-    rig.positioner.require_velocity(ONLY)
+    rig.positioner.course.only_velocity = ONLY
     return rig
 
 

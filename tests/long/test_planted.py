@@ -24,7 +24,7 @@ from pdgw.gateway.axis.power_table import (
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.positioner import ACTIVATE, HOME, Positioner
+from pdgw.gateway.motion.positioner import ACTIVATE, HOME, BasicPositioner
 from pdgw.gateway.motion.requests import Motion
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
@@ -60,9 +60,8 @@ def speed_does_not_fall_in_a_stop(method: Any, self: SpeedExecutor) -> Reason | 
     return reason
 
 
-def standing_task_bit_starts(method: Any, self: MdiPositioner) -> None:
-    method(self)
-    self._edges |= ACTIVATE & self.request.commands
+def standing_task_bit_starts(method: Any, self: MdiPositioner) -> int:
+    return int(method(self)) | ACTIVATE & self.request.commands
 
 
 def brake_ends_with_the_drive(
@@ -78,7 +77,7 @@ def standing_homing_bit_starts(method: Any, self: MdiPositioner) -> Any:
     return method(self)
 
 
-def standing_homing_bit_of_a_positioner_starts(method: Any, self: Positioner) -> Any:
+def standing_homing_bit_of_a_positioner_starts(method: Any, self: BasicPositioner) -> Any:
     return {**method(self), Event.HOMING: lambda: HOME & self.request.commands}
 
 
@@ -158,15 +157,15 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
     ),
     "standing homing bit of a positioner starts": (
         Narrow(110, homing=True, tick_ns=LONG_TICK_NS),
-        wrapped(Positioner, "_events", standing_homing_bit_of_a_positioner_starts),
+        wrapped(BasicPositioner, "_events", standing_homing_bit_of_a_positioner_starts),
     ),
     "standing jog bit starts": (
         Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
-        replaced(Positioner, "_jog_asked", lambda self: self._jog_bit() > 0),
+        replaced(BasicPositioner, "_jog_asked", lambda self: self._jog_bit() > 0),
     ),
     "jog goes on without its bit": (
         Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
-        replaced(Positioner, "_jog_bit", lambda self: self._jog or 1),
+        replaced(BasicPositioner, "_jog_bit", lambda self: self._jog or 1),
     ),
     "handshake waits without a reason": (
         Narrow(9, tick_ns=LONG_TICK_NS),

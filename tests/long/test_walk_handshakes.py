@@ -11,8 +11,8 @@ from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
-from pdgw.gateway.motion.positioner import ACTIVATE, Positioner
-from pdgw.gateway.motion.requests import HomingResult
+from pdgw.gateway.motion.positioner import ACTIVATE, BasicPositioner, Positioner
+from pdgw.gateway.motion.requests import HomingResult, Seen
 from pdgw.gateway.motion.travel import Course
 from tests.long.planted import Patch, Plant, replaced, wrapped
 from tests.long.rules import Rule
@@ -35,24 +35,23 @@ def test_each_handshake_has_another_name() -> None:
     assert len(set(names)) == len(names)
 
 
-def probe_counts_when_armed(method: Any, self: Positioner) -> None:
+def probe_counts_when_armed(method: Any, self: BasicPositioner) -> None:
     method(self)
-    self.result.home_set = self.result.home_set or self.result.probe
+    self.home_set = self.home_set or self.armed
 
 
-def standing_task_bit_starts(method: Any, self: Positioner) -> None:
-    method(self)
-    self._edges |= ACTIVATE & self.request.commands
+def standing_task_bit_starts(method: Any, self: Positioner) -> int:
+    return int(method(self)) | ACTIVATE & self.request.commands
 
 
-def seen_by_the_statusword(method: Any, self: PositionerExecutor) -> None:
-    method(self)
-    self._seen.reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
+def seen_by_the_statusword(method: Any, self: PositionerExecutor) -> int:
+    bits = int(method(self)) & ~Seen.REACHED
+    return bits | Seen.REACHED if self.feedback.statusword & StatusBit.TARGET_REACHED else bits
 
 
 def reached_by_the_statusword(patch: Patch) -> None:
     wrapped(PositionerExecutor, "_read_state", seen_by_the_statusword)(patch)
-    arrived = lambda self: self.goal is not None and self.sent > 0 and self.seen.reached  # noqa: E731
+    arrived = lambda self: self.goal is not None and self.sent > 0 and self.seen.bits & Seen.REACHED  # noqa: E731
     replaced(Course, "arrived", arrived)(patch)
 
 
@@ -85,7 +84,7 @@ PLANTED: dict[str, tuple[Handshakes, Rule, Plant]] = {
     "probe counts when it is armed": (
         Handshakes(111, Orders.PROBE),
         Rule.HOMED,
-        wrapped(Positioner, "_home_on_the_fly", probe_counts_when_armed),
+        wrapped(BasicPositioner, "_home_on_the_fly", probe_counts_when_armed),
     ),
     "standing task bit starts": (
         Handshakes(7, Orders.TASKS),

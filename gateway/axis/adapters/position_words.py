@@ -13,14 +13,10 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.requests import (
     FULL,
-    NOTHING,
     Command,
-    MotionKind,
     PositionerChoices,
     PositionerRequest,
-    PositionerResult,
 )
-from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType
 from pdgw.profidrive.signals import POSITIONER_FORMS, float_of, float_pattern, signal
@@ -45,23 +41,11 @@ _ACTIVE_BLOCK, _ACTIVE_MDI = _ACTIVE.bit("BLOCK").mask, _ACTIVE.bit("MDI_ACTIVE"
 _CONTROL_WORDS = ("STW1", "SATZANW", "POS_STW", "POS_STW1", "POS_STW2", "MDI_MOD")
 _COMMANDS = Command.__members__
 _LIMITS = Command.SOFTWARE_LIMITS | Command.HARDWARE_LIMITS
-_MDI_SELECTED, _SETTING_UP_SELECTED = Command.MDI, Command.SETTING_UP
+_MDI_SELECTED = Command.MDI
 
-_FIRST = {bit.name: bit.mask for bit in signal("POS_ZSW1").bits}
-_SECOND = {bit.name: bit.mask for bit in signal("POS_ZSW2").bits}
-_FUNCTION = dict.fromkeys(State, 0) | {
-    State.BLOCK: _FIRST["BLOCK_MODE"],
-    State.SETTING_UP: _FIRST["SETTING_UP"],
-    State.MDI: _FIRST["MDI_ACTIVE"],
-}
-"""POS_ZSW1 bits of the displayed state,"""
-_RUNNING = dict.fromkeys(State, 0) | dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _FIRST["JOGGING"])
-"""and of the one that is."""
-_MDI_STATES = (State.MDI, State.SETTING_UP)
-_SELECTABLE = (State.IDLE, State.BRAKING)
-"""Nothing else runs: the selected mode is shown."""
+_TO_FIXED_STOP_SHOWN = signal("POS_ZSW2").bit("TO_FIXED_STOP").mask
+_MDI_MODES = signal("POS_ZSW1").word("MDI_ACTIVE", "SETTING_UP")
 _FAULT = _ZSW1.bit("FAULT").mask
-_OUTPUT_1 = signal("POS_ZSW2").bit("OUTPUT_1").position
 _POS_ZSW = sum(bit.mask for bit in signal("POS_ZSW").bits)
 """POS_ZSW is the low byte of POS_ZSW2 (a test)."""
 _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
@@ -79,7 +63,6 @@ class PositionerAdapter(ControlWordAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self.request = NOTHING
         self._last: Sequence[int] | None = None
         """The setpoints that are in the request; None without control."""
         words = [item for item in telegram.setpoints.signals if item.name in _CONTROL_WORDS]
@@ -97,11 +80,11 @@ class PositionerAdapter(ControlWordAdapter):
         word = None if setpoints is None else setpoints[self.stw1]
         if word != self.word:
             self.take(word, demand)
-        request, last = self.request, self._last
+        request, last = demand.motion, self._last
         if setpoints is None or not demand.in_control:
             if last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
                 self._last = None
-                self.request = demand.motion = PositionerRequest(request.commands & self.KEPT)
+                demand.motion = PositionerRequest(request.commands & self.KEPT)
             return
         if setpoints == last:
             return
@@ -115,7 +98,7 @@ class PositionerAdapter(ControlWordAdapter):
                     commands |= command
             place, field = self._number
             number = field.of(controls[place])
-        self.request = demand.motion = self.requested(setpoints, commands, number)
+        demand.motion = self.requested(setpoints, commands, number)
 
     def requested(self, setpoints: Sequence[int], commands: int, number: int) -> PositionerRequest:
         """The request with the values that are not bits of a control word."""
@@ -150,11 +133,11 @@ class _MdiValues:
         """Target, velocity, acceleration, deceleration and reference coordinate."""
         return setpoints[first], setpoints[first + 1], setpoints[first + 2], setpoints[first + 3], None
 
-    def write(self, report: Report, result: PositionerResult, actuals: list[int]) -> None:
-        position = result.position
+    def write(self, report: Report, actuals: list[int]) -> None:
+        position = report.position
         actuals[self._position] = position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
         actuals[self._message] = report.message
-        if result.to_fixed_stop:
+        if report.positioner[1] & _TO_FIXED_STOP_SHOWN:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
 
 
@@ -189,9 +172,9 @@ class _FloatValues(_MdiValues):
             _whole(reference, self._lu) if isfinite(reference) else None,
         )
 
-    def write(self, report: Report, result: PositionerResult, actuals: list[int]) -> None:
-        super().write(report, result, actuals)
-        actuals[self._position] = float_pattern(result.position / self._lu)
+    def write(self, report: Report, actuals: list[int]) -> None:
+        super().write(report, actuals)
+        actuals[self._position] = float_pattern(report.position / self._lu)
         actuals[self._speed] = float_pattern(report.length_speed / (self._lu * self._minutes))
 
 
@@ -235,68 +218,23 @@ class BasicPositionerAdapter(PositionerAdapter):
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags) & _OWN
-        result, mdi, speed = report.motion, self._mdi, report.speed
-        if result is None:
-            return
+        mdi, (first, second) = self._mdi, report.positioner
         if mdi is not None:
-            mdi.write(report, result, actuals)
+            mdi.write(report, actuals)
         if self._aktsatz >= 0:
-            active = _ACTIVE_MDI if mdi is not None and _mode(result, self.request) in _MDI_STATES else 0
-            actuals[self._aktsatz] = result.block & _ACTIVE_BLOCK | active
+            active = _ACTIVE_MDI if mdi is not None and first & _MDI_MODES else 0
+            actuals[self._aktsatz] = first & _ACTIVE_BLOCK | active
         if self._pos_zsw >= 0:
-            actuals[self._pos_zsw] = _second(result, speed) & _POS_ZSW
-        first = self._pos_zsw1
-        if first >= 0:
-            actuals[first], actuals[first + 1] = _first(result, self.request), _second(result, speed)
+            actuals[self._pos_zsw] = second & _POS_ZSW
+        place = self._pos_zsw1
+        if place >= 0:
+            actuals[place], actuals[place + 1] = first, second
         if self._speed >= 0:
-            actuals[self._speed] = speed
-        first = self._codes
-        if first >= 0:
-            actuals[first] = report.fault_code if report.flags & _FAULT else 0
-            actuals[first + 1] = report.warning_code
-
-
-def _mode(result: PositionerResult, request: PositionerRequest) -> State:
-    """The active or last function; else the one that an edge of STW1.6 would start."""
-    if result.shown is not State.IDLE or result.state not in _SELECTABLE:
-        return result.shown
-    if not request.commands & _MDI_SELECTED:
-        return State.BLOCK
-    return State.SETTING_UP if request.commands & _SETTING_UP_SELECTED else State.MDI
-
-
-def _first(result: PositionerResult, request: PositionerRequest) -> int:
-    """The value of POS_ZSW1."""
-    word = result.block | _FUNCTION[_mode(result, request)] | _RUNNING[result.state]
-    if result.homing:
-        word |= _FIRST["HOMING"]
-    if result.probe:
-        word |= _FIRST["PASSIVE_HOMING"]
-    if result.negative_limit:
-        word |= _FIRST["NEGATIVE_HARDWARE_LIMIT"]
-    return word | _FIRST["POSITIVE_HARDWARE_LIMIT"] if result.positive_limit else word
-
-
-def _second(result: PositionerResult, speed: int) -> int:
-    """POS_ZSW2."""
-    word = result.outputs << _OUTPUT_1
-    if result.reached:
-        word |= _SECOND["SETPOINT_STATIONARY"] | _SECOND["SETPOINT_REACHED"]
-    else:
-        word |= _SECOND["SETPOINT_STATIONARY" if result.motion.kind is MotionKind.STAND else "TRAVERSING"]
-    if not result.standing:
-        word |= _SECOND["MOVES_FORWARD" if speed > 0 else "MOVES_BACKWARD"]
-    if result.state is State.TRACKING:
-        word |= _SECOND["TRACKING"]
-    if result.speed_limited:
-        word |= _SECOND["SPEED_LIMITED"]
-    if result.at_minus:
-        word |= _SECOND["SOFTWARE_LIMIT_MINUS"]
-    if result.at_plus:
-        word |= _SECOND["SOFTWARE_LIMIT_PLUS"]
-    if result.to_fixed_stop:
-        word |= _SECOND["TO_FIXED_STOP"]
-    return word | _SECOND["FIXED_STOP_REACHED"] | _SECOND["CLAMPING_TORQUE_REACHED"] if result.fixed_stop else word
+            actuals[self._speed] = report.speed
+        place = self._codes
+        if place >= 0:
+            actuals[place] = report.fault_code if report.flags & _FAULT else 0
+            actuals[place + 1] = report.warning_code
 
 
 # Telegram 9: positioning with MDI and homing.

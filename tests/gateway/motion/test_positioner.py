@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
-from pdgw.gateway.motion.requests import FULL
+from pdgw.gateway.motion.requests import FULL, Seen
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
 from pdgw.gateway.reasons import Reason
@@ -467,10 +467,11 @@ def test_a_task_stopped_by_a_limit_switch_does_not_continue_on_its_release() -> 
     rig = PositionerRig(stop_at=1000)
     move(rig, target=5000, **ABSOLUTE)
     rig.step(60)
-    rig.seen.internal_limit = True
+    rig.show(Seen.INTERNAL_LIMIT, True)
     rig.step(LIMIT_STANDING_NS // CYCLE + 2)
     assert rig.result.reason is Reason.TASK_AT_LIMIT
-    rig.seen.internal_limit, rig.stop_at = False, None
+    rig.show(Seen.INTERNAL_LIMIT, False)
+    rig.stop_at = None
     rig.step(50)
     assert rig.position == 1000
     rig.step(3, no_intermediate_stop=False)
@@ -481,7 +482,7 @@ def test_a_task_stopped_by_a_limit_switch_does_not_continue_on_its_release() -> 
 
 def test_limit_switches_show_only_when_they_are_watched() -> None:
     rig = PositionerRig()
-    rig.seen.negative_limit = True
+    rig.show(Seen.NEGATIVE_LIMIT, True)
     assert not rig.step().negative_limit
     assert rig.step(hardware_limits=True).negative_limit
 

@@ -261,7 +261,7 @@ def test_passive_homing_takes_the_probe_during_a_task_that_keeps_its_way() -> No
 def test_passive_homing_needs_a_probe() -> None:
     rig = PositionerRig()
     rig.step(homing=True, passive_homing=True)
-    rig.seen.probe_refused = True
+    rig.seen.probe = Reason.PASSIVE_HOMING_NOT_SUPPORTED
     rig.step()
     assert (rig.result.warning, rig.result.probe) == (Reason.PASSIVE_HOMING_NOT_SUPPORTED, False)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
-from pdgw.gateway.motion.requests import FULL, Command, MotionKind
+from pdgw.gateway.motion.requests import FULL, Command, MotionKind, Seen
 from pdgw.gateway.motion.states import State
 from tests.support.axis.positioner import RAMP, SETTINGS, PositionerRig, changed, command
 
@@ -54,7 +54,7 @@ class Life(RuleBasedStateMachine):
             both = request.commands & JOGS == JOGS
             if both and self.rig.result.state in {State.JOG, State.JOG_INCREMENTAL, State.BRAKING}:
                 assert not faster, "jog moves with both bits"
-            if not request.commands & Command.DO_NOT_REJECT or not self.rig.seen.operating:
+            if not request.commands & Command.DO_NOT_REJECT or not self.rig.seen.bits & Seen.OPERATING:
                 assert not faster, "moves in spite of a reject or without operation"
             if not self.permitted:
                 assert not faster, "something survived what ends it all"
@@ -63,13 +63,13 @@ class Life(RuleBasedStateMachine):
     def toggle(self, name: str, count: int) -> None:
         request, seen = self.rig.request, self.rig.seen
         if name == "operating":
-            seen.operating = not seen.operating
+            self.rig.show(Seen.OPERATING, not seen.bits & Seen.OPERATING)
             self.permitted = False
             self.cycles(count)
             return
         value = not (getattr(request, name) if hasattr(request, name) else request.commands & command(name))
         self.rig.request = changed(request, **{name: value})
-        if value and seen.operating:
+        if value and seen.bits & Seen.OPERATING:
             self.permitted = self.permitted or name in {"activate", "jog_1", "jog_2", "homing"}
         elif name in {"jog_1", "jog_2"} and self.permitted:
             self.permitted = True

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.requests import MessageWord, reduced_torque
+from pdgw.gateway.motion.requests import MessageWord, Seen, reduced_torque
 from pdgw.gateway.motion.units import Direction, DriveUnits, LengthUnits, Ring, way
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT
@@ -134,7 +134,7 @@ def test_tasks_end_at_their_target_and_what_is_shown_is_always_in_range(
             mdi=True, absolute=True, target=target, velocity=30_000, positive=positive, negative=negative, activate=True
         )
         rig.step(2, activate=False)
-        while rig.speed or not rig.seen.reached or not rig.result.reached:
+        while rig.speed or not rig.seen.bits & Seen.REACHED or not rig.result.reached:
             rig.step()
             assert 0 <= rig.position < RANGE
             assert abs(rig.seen.position - begin) <= RANGE

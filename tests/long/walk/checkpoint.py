@@ -297,7 +297,7 @@ class Checkpoints:
         found += [part.number for part in self._parts]
         for part, i, age in self._instants:
             instant: int = part.values[i]
-            found.append(min(now - instant, age) if instant > 0 else -1)
+            found.append(min(now - instant, age) if instant > 0 else instant - 1)
         if self._serials:
             serials = [part.values[i] for part, i in self._serials]
             ranks = {serial: rank for rank, serial in enumerate(sorted({0, *serials}))}

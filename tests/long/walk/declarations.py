@@ -2,7 +2,7 @@
 
 | declaration | attributes |
 | --- | --- |
-| ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 or below is "none" |
+| ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 and below are no times |
 | ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
 | ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
 | ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
@@ -40,9 +40,9 @@ from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED
 from pdgw.gateway.axis.values import Answer, Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.positioner import RISING, Positioner
-from pdgw.gateway.motion.requests import Motion, PositionerFeedback, PositionerResult
-from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course
+from pdgw.gateway.motion.positioner import RISING, BasicPositioner, Positioner
+from pdgw.gateway.motion.requests import Motion, PositionerFeedback
+from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course, UserCourse
 from pdgw.profidrive.frame import SignOfLife
 
 OF: Final[dict[type, dict[str, Any]]] = {
@@ -51,7 +51,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "DATA": frozenset({"profile_acceleration", "profile_deceleration", "profile_velocity", "target_position"}),
     },
     ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"word", "_visible"})},
-    PositionerAdapter: {"ASIDE": frozenset({"_last", "request"})},
+    PositionerAdapter: {"ASIDE": frozenset({"_last"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},
     Report: {
@@ -66,6 +66,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
                 "namur",
                 "position",
                 "speed",
+                "positioner",
                 "raw",
                 "sensor",
                 "second_sensor",
@@ -158,41 +159,17 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "SUPERVISION": frozenset({"known_off"}),
     },
     BlockChain: {"INSTANTS": {"_wait_until": 0}},
-    MdiPositioner: {"PASSING": frozenset({"before"})},
-    Positioner: {
-        "INSTANTS": {"_homing_until": 0},
-        "PASSING": frozenset({"request", "_now", "seen"}),
-        "ASIDE": frozenset({"_edges"}),
-        "BITS": {"_commands": RISING},
-    },
-    PositionerFeedback: {
-        "SERIALS": frozenset({"given", "taken", "executing"}),
-        "PASSING": frozenset(
-            {"operating", "standstill", "stopped", "reached", "answered", "internal_limit", "torque_at_limit"}
-        ),
-    },
+    MdiPositioner: {"ASIDE": frozenset({"_edges"})},
+    Positioner: {"PASSING": frozenset({"request", "seen"}), "BITS": {"_commands": RISING}},
+    BasicPositioner: {"INSTANTS": {"_homing_until": 0}, "PASSING": frozenset({"_now"})},
+    PositionerFeedback: {"SERIALS": frozenset({"given", "taken", "executing"}), "PASSING": frozenset({"bits"})},
     Motion: {"SERIALS": frozenset({"serial", "first"})},
-    PositionerResult: {
-        "PASSING": frozenset(
-            {
-                "at_minus",
-                "at_plus",
-                "block",
-                "homing",
-                "negative_limit",
-                "position",
-                "positive_limit",
-                "reached",
-                "reason",
-                "standing",
-            }
-        )
-    },
     Course: {
-        "INSTANTS": {"_limit_since": LIMIT_STANDING_NS, "_stop_since": FIXED_STOP_NS},
+        "INSTANTS": {"_limit_since": LIMIT_STANDING_NS},
         "PASSING": frozenset({"seen"}),
-        "SERIALS": frozenset({"sent", "queued"}),
+        "SERIALS": frozenset({"sent"}),
     },
+    UserCourse: {"INSTANTS": {"_stop_since": FIXED_STOP_NS}, "SERIALS": frozenset({"queued"})},
     SignOfLife: {"COUNTERS": frozenset({"received", "due", "_own"})},
 }
 """``INSTANTS`` may be a function of the object."""
@@ -209,5 +186,5 @@ def kept(adapter: Adapter, demand: Demand) -> tuple[object, ...]:
     if demand.connected and holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
         found = (demand,)
     if isinstance(adapter, PositionerAdapter) and demand in found:
-        found = (*found, adapter.request)
-    return (*found, adapter.request.commands & adapter.KEPT) if isinstance(adapter, PositioningAdapter) else found
+        found = (*found, demand.motion)
+    return (*found, demand.motion.commands & adapter.KEPT) if isinstance(adapter, PositioningAdapter) else found

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
-from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
-from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.blocks import OUTPUTS_MASK, Block, BlockMode, BlockNext
+from pdgw.gateway.motion.positioner import BasicPositioner
 from pdgw.gateway.motion.requests import (
     FULL,
     Command,
@@ -15,8 +15,10 @@ from pdgw.gateway.motion.requests import (
     PositionerChoices,
     PositionerFeedback,
     PositionerRequest,
-    PositionerResult,
+    Seen,
 )
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.signals import signal
 
 CYCLE = 4_000_000
 ABSOLUTE = {"mdi": True, "absolute": True, "velocity": 3000}
@@ -57,6 +59,28 @@ CHOICES = PositionerChoices(
 """Of the worked examples: 10000 LU a revolution."""
 
 
+class Result:
+    """What a positioner shows after a step."""
+
+    def __init__(self, positioner: BasicPositioner, reason: Reason | None) -> None:
+        self.reason = reason
+        self.state, self.warning, self.motion = positioner.state, positioner.course.warning, positioner.course.motion
+        self.position, self.home_set, self.shown = positioner.position, positioner.home_set, positioner._shown
+        self.reached, self.acknowledged = positioner.reached, positioner.acknowledged
+        first, second = positioner.words(0, reached=self.reached)
+        names = {bit.name for bit in signal("POS_ZSW1").bits if first & bit.mask}
+        names |= {bit.name for bit in signal("POS_ZSW2").bits if second & bit.mask}
+        self.block = signal("POS_ZSW1").bit("BLOCK").of(first)
+        self.outputs = second >> signal("POS_ZSW2").bit("OUTPUT_1").position & OUTPUTS_MASK
+        self.homing, self.probe = "HOMING" in names, "PASSIVE_HOMING" in names
+        self.at_minus, self.at_plus = "SOFTWARE_LIMIT_MINUS" in names, "SOFTWARE_LIMIT_PLUS" in names
+        self.negative_limit, self.positive_limit = (
+            "NEGATIVE_HARDWARE_LIMIT" in names,
+            "POSITIVE_HARDWARE_LIMIT" in names,
+        )
+        self.to_fixed_stop, self.fixed_stop = "TO_FIXED_STOP" in names, "FIXED_STOP_REACHED" in names
+
+
 @dataclass
 class PositionerRig:
     """``request`` is changed by the test, ``step`` runs cycles. ``delay``: cycles from a setpoint to the drive's acknowledge."""
@@ -71,9 +95,9 @@ class PositionerRig:
     """A mechanical stop."""
 
     def __post_init__(self) -> None:
-        self.positioner = Positioner(replace(self.settings, blocks=self.blocks))
-        self.seen.operating = True
-        self.positioner.set_ranges((-(1 << 30), 1 << 30), (-(1 << 31), (1 << 31) - 1))
+        self.positioner = BasicPositioner(replace(self.settings, blocks=self.blocks))
+        self.show(Seen.OPERATING, True)
+        self.positioner.set_drive(0, (-(1 << 30), 1 << 30), (-(1 << 31), (1 << 31) - 1))
         self.now = 0
         self.speed = 0
         self.running = Motion()
@@ -87,26 +111,26 @@ class PositionerRig:
     def seen(self) -> PositionerFeedback:
         return self.positioner.seen
 
-    @property
-    def result(self) -> PositionerResult:
-        return self.positioner.result
+    def show(self, bit: Seen, shows: object) -> None:
+        """What the axis shows from now on."""
+        self.seen.bits = self.seen.bits | bit if shows else self.seen.bits & ~bit
 
     @property
     def position(self) -> int:
         return self.result.position
 
-    def step(self, cycles: int = 1, **changes: object) -> PositionerResult:
+    def step(self, cycles: int = 1, **changes: object) -> Result:
         """Change what is asked, then run cycles."""
-        self.seen.operating = bool(changes.pop("operating", self.seen.operating))
+        self.show(Seen.OPERATING, changes.pop("operating", self.seen.bits & Seen.OPERATING))
         self.request = changed(self.request, **changes)
         for _ in range(cycles):
             self.now += CYCLE
-            result = self.positioner.step(self.request, self.now)
-            self._execute(result.motion)
-            self._move(result.motion)
+            self.result = Result(self.positioner, self.positioner.step(self.request, self.now))
+            self._execute(self.result.motion)
+            self._move(self.result.motion)
         return self.result
 
-    def run_out(self, cycles: int = 4000) -> PositionerResult:
+    def run_out(self, cycles: int = 4000) -> Result:
         """Run until the axis was at standstill for some cycles."""
         still = 0
         for _ in range(cycles):
@@ -152,7 +176,7 @@ class PositionerRig:
             motion.goal = replace(goal, target=self.seen.position + goal.distance)
         self.running, self.waiting = motion, None
         self.seen.executing = motion.serial
-        self.seen.reached = False
+        self.show(Seen.REACHED, False)
         self.seen.homing = HomingResult.RUNNING
 
     def _at_target(self) -> bool:
@@ -180,17 +204,19 @@ class PositionerRig:
                 self.speed = rest
         if self.stop_at is not None and (seen.position + self.speed) > self.stop_at:
             self.speed = self.stop_at - seen.position
-            seen.torque_at_limit = True
+            self.show(Seen.TORQUE_AT_LIMIT, True)
         else:
-            seen.torque_at_limit = False
+            self.show(Seen.TORQUE_AT_LIMIT, False)
         seen.position += self.speed
         if self._at_target() and wish.kind is MotionKind.POSITION:
             self.speed = 0
             if self.waiting is not None:
                 self._begin(self.waiting)
-        seen.standstill = not self.speed
-        seen.reached = seen.answered = seen.standstill and (wish.kind is MotionKind.STAND or self._at_target())
-        if wish.kind is MotionKind.HOMING and seen.taken == wish.serial and seen.standstill:
+        self.show(Seen.STANDSTILL, not self.speed)
+        reached = not self.speed and (wish.kind is MotionKind.STAND or self._at_target())
+        self.show(Seen.REACHED, reached)
+        self.show(Seen.ANSWERED, reached)
+        if wish.kind is MotionKind.HOMING and seen.taken == wish.serial and not self.speed:
             seen.homing = HomingResult.ATTAINED
 
     def _toward(self, distance: int) -> int:

@@ -139,7 +139,7 @@ class Stepper(_Device):
 
     @property
     def home_position_set(self) -> bool:
-        return self._positioning.positioner.result.home_set
+        return self._positioning.positioner.home_set
 
 
 class EncoderStepper(_Device):

@@ -21,7 +21,7 @@ from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, PositionerRequest, PositionerResult
+from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, PositionerRequest, Seen
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
@@ -39,6 +39,8 @@ _NO_STOP_OF_A_TASK: Final = Command.NO_INTERMEDIATE_STOP | Command.JOG_1_ON | Co
 _RAMPS = (Action.RAMP, Action.RAMP_END)
 _STALLED: Final = warning_bits(FaultNumber.STALLED)
 _MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
+_OPERATING, _STANDSTILL, _INTERNAL_LIMIT = Seen.OPERATING, Seen.STANDSTILL, Seen.INTERNAL_LIMIT
+_SEEN_REACHED, _ANSWERED = Seen.REACHED, Seen.ANSWERED
 _NOT_ACKNOWLEDGED: Final = warning_bits(FaultNumber.NOT_ACKNOWLEDGED)
 
 
@@ -103,7 +105,7 @@ class MotionExecutor(Executor):
 
     def refuse(self) -> None:
         self._stop()
-        self._seen.operating = False
+        self._seen.bits = 0
         self.command.controlword = self.interlock.controlword
         self.positioner.step(NOTHING, self.inputs.now)
 
@@ -133,28 +135,31 @@ class MotionExecutor(Executor):
         its speed."""
         if not self.settings.intermediate_stop_reached:
             return False
-        if not self._seen.operating or request.commands & _NO_STOP_OF_A_TASK:
+        if not self._seen.bits & _OPERATING or request.commands & _NO_STOP_OF_A_TASK:
             return False
         return self.stopped and (self._mode.shows_base() or self.feedback.velocity_actual == 0)
 
-    def _cycle(self) -> PositionerResult:
-        """Run one cycle: state of the axis, commands, Controlword and mode."""
-        interlock, mode, seen = self.interlock, self._mode, self._seen
-        action, before = interlock.action, self.positioner.result.state
-        operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[self.feedback.statusword & STATE_MASK]
-        seen.operating = operates
+    def _cycle(self) -> Reason | None:
+        """Run one cycle: state of the axis, commands, Controlword and mode. Returns why nothing moves just now."""
+        interlock, mode, seen, positioner, inputs = self.interlock, self._mode, self._seen, self.positioner, self.inputs
+        action, before, statusword = interlock.action, positioner.state, self.feedback.statusword
+        operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[statusword & STATE_MASK]
+        bits = 0
         if operates:
             self.outputs.reason = None
+            bits = _OPERATING
         mode.read()
-        self._taking.read(self._acknowledges, self.inputs.now)
-        seen.standstill = self.inputs.standstill
-        seen.internal_limit = self.feedback.statusword & StatusBit.INTERNAL_LIMIT != 0
-        self._read_state()
-        result = self.positioner.step(self.demand.motion, self.inputs.now)
+        self._taking.read(self._acknowledges, inputs.now)
+        if inputs.standstill:
+            bits |= _STANDSTILL
+        if statusword & StatusBit.INTERNAL_LIMIT:
+            bits |= _INTERNAL_LIMIT
+        seen.bits = bits | self._read_state()
+        reason = positioner.step(self.demand.motion, inputs.now)
         self._blocked = False
         if operates:
             mode.asked = False
-            extra = self._execute(result.motion)
+            extra = self._execute(before, reason)
             if not mode.asked:
                 mode.cease()
             mode.halted = extra & HALT != 0
@@ -166,23 +171,23 @@ class MotionExecutor(Executor):
             mode.halted = self._halted = ramps
             extra = HALT if ramps else 0
             self.outputs.end_warnings(_STALLED)
-        if before is State.HOMING and result.state is not State.HOMING:
+        if before is State.HOMING and positioner.state is not State.HOMING:
             self._forget_homing()
         self.command.controlword = interlock.controlword | extra
         self.command.modes_of_operation = mode.mode
-        return result
+        return reason
 
-    def _read_state(self) -> None:
-        """Read the state of the drive."""
+    def _read_state(self) -> int:
+        """Read the state of the drive. Returns bits of ``Seen``."""
         raise NotImplementedError
 
-    def _read_arrival(self, *, executes: bool) -> None:
-        """Read "target reached"; ``executes``: the drive works on the newest setpoint."""
-        seen, reached = self._seen, self.feedback.statusword & StatusBit.TARGET_REACHED != 0
-        seen.reached = seen.answered = False
-        if executes and self._mode.shows_base():
-            seen.reached = reached
-            seen.answered = self._arrival.read(reached, self.inputs.now)
+    def _read_arrival(self, *, executes: bool) -> int:
+        """Read "target reached"; ``executes``: the drive works on the newest setpoint. Returns bits of ``Seen``."""
+        if not executes or not self._mode.shows_base():
+            return 0
+        reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
+        bits = _SEEN_REACHED if reached else 0
+        return bits | _ANSWERED if self._arrival.read(reached, self.inputs.now) else bits
 
     def _executes_next(self) -> None:
         """The drive begins to execute the setpoint that it has taken."""
@@ -217,13 +222,14 @@ class MotionExecutor(Executor):
             self._halted = True
         return HALT
 
-    def _execute(self, motion: Motion) -> int:
-        """Controlword bits 4-12 of the requested motion."""
+    def _execute(self, before: State, reason: Reason | None) -> int:
+        """Controlword bits 4-12 of the requested motion. ``before``: the positioner's state before this step; ``reason``: why
+        nothing moves."""
         raise NotImplementedError
 
     def _stop(self) -> None:
         """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
-        self._seen.given = self.positioner.result.motion.serial
+        self._seen.given = self.positioner.course.motion.serial
         self._taking.withdraw()
         self._end_set_point()
         self._end_stopped_setpoint()
@@ -265,9 +271,9 @@ class MotionExecutor(Executor):
             self._await_acknowledge()
             return False
         self._seen.taken = self._seen.given
-        result = self.positioner.result
-        if result.warning is Reason.NOT_ACKNOWLEDGED:
-            result.warning = None
+        positioner = self.positioner
+        if positioner.course.warning is Reason.NOT_ACKNOWLEDGED:
+            positioner.warn(None)
             self.outputs.end_warnings(_NOT_ACKNOWLEDGED)
         return True
 
@@ -278,14 +284,14 @@ class MotionExecutor(Executor):
 
     def _stays_halted(self) -> bool:
         """Without a function and after the fall of Halt: whether the drive continues what Halt has stopped."""
-        result, outputs = self.positioner.result, self.outputs
+        positioner, outputs = self.positioner, self.outputs
         if self._halted and not self._mode.halted and not self.stopped and self._mode.shows_base():
             self._continued = True
         if self._continued and not self._moved and not self.inputs.standstill:
-            result.warning = None
+            positioner.warn(None)
             outputs.warn(FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}")
-        if self._moved and result.warning is None:
-            result.warning = Reason.MOVES_UNASKED
+        if self._moved and positioner.course.warning is None:
+            positioner.warn(Reason.MOVES_UNASKED)
         return self._continued
 
     def _continues_in_base_mode(self) -> bool:
@@ -296,16 +302,16 @@ class MotionExecutor(Executor):
 
     def _await_acknowledge(self) -> None:
         """The drive has not taken the setpoint: a warning after ``ACKNOWLEDGE_NS``."""
-        statusword, result, inputs = self.feedback.statusword, self.positioner.result, self.inputs
+        statusword, positioner, inputs = self.feedback.statusword, self.positioner, self.inputs
         waits = not self._bits & ControlBit.CHANGE_IMMEDIATELY and not statusword & StatusBit.TARGET_REACHED
         if waits or self._mode.halted:
             self._set_at = inputs.now  # a drive may take it at the end of the motion (one buffer), or of Halt
         elif (
             inputs.now - self._set_at >= ACKNOWLEDGE_NS
-            and result.warning is not Reason.NOT_ACKNOWLEDGED
+            and positioner.course.warning is not Reason.NOT_ACKNOWLEDGED
             and not inputs.set_point_refused
         ):
-            result.warning = Reason.NOT_ACKNOWLEDGED
+            positioner.warn(Reason.NOT_ACKNOWLEDGED)
             detail = f"607Ah = {self.command.target_position}, Statusword {statusword:04X}h, "
             detail += f"6061h = {self.feedback.modes_of_operation_display} after {ACKNOWLEDGE_NS / SECOND:g} s"
             self.outputs.warn(FaultNumber.NOT_ACKNOWLEDGED, detail)

@@ -24,7 +24,7 @@ from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTask
-from pdgw.gateway.motion.positioner import HELD, Positioner
+from pdgw.gateway.motion.positioner import HELD, BasicPositioner
 from pdgw.gateway.motion.requests import (
     Command,
     HomingResult,
@@ -33,9 +33,9 @@ from pdgw.gateway.motion.requests import (
     MotionKind,
     PositionerChoices,
     PositionerRequest,
-    PositionerResult,
+    Seen,
 )
-from pdgw.gateway.motion.states import State as Function
+from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import DriveUnits, LengthUnits, Ring
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import n4
@@ -43,10 +43,12 @@ from pdgw.profidrive.normalisation import Normalisation
 
 _STAND, _POSITION, _HOMING = MotionKind.STAND, MotionKind.POSITION, MotionKind.HOMING
 _POSITION_MODE, _VELOCITY_MODE, _HOMING_MODE = Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value
-_WITHOUT_FUNCTION = (Function.IDLE, Function.TRACKING, Function.BRAKING)
+_WITHOUT_FUNCTION = (State.IDLE, State.TRACKING, State.BRAKING)
 _STANDING, _REACHED, _WITHIN_TOLERANCE = Flag.STANDING, Flag.REACHED, Flag.WITHIN_TOLERANCE
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
 _PROBE_2, _PROBE_FALLING_EDGE = Command.PROBE_2, Command.PROBE_FALLING_EDGE
+_OPERATING, _STANDSTILL = Seen.OPERATING, Seen.STANDSTILL
+_NEGATIVE_LIMIT, _POSITIVE_LIMIT = Seen.NEGATIVE_LIMIT, Seen.POSITIVE_LIMIT
 _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
@@ -67,9 +69,9 @@ class PositionerExecutor(MotionExecutor):
         choices = records.settings.positioner
         if choices is None:
             raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
-        super().__init__(records, Positioner(choices), _POSITION_MODE)
+        self._basic = BasicPositioner(choices)
+        super().__init__(records, self._basic, _POSITION_MODE)
         self.choices: PositionerChoices = choices
-        self.report.motion = self.positioner.result
         self._units: LengthUnits | None = None
         self._speed: Normalisation | None = None
         self._message: MessageWord | None = None
@@ -109,7 +111,6 @@ class PositionerExecutor(MotionExecutor):
             highest(drive, Quantity.DECELERATION, "profile_deceleration"),
         )
         self._one_ramp = not drive.has("profile_deceleration")
-        self.positioner.require_velocity(0 if drive.has("profile_velocity") else choices.max_velocity)
         self._torque.set_base(drive.max_torque)
         if self.clamps:
             if drive.max_torque <= 0:
@@ -122,7 +123,8 @@ class PositionerExecutor(MotionExecutor):
             positions = distances if limits is None else _in_length(length, limits)
         else:
             positions = _ENDLESS
-        self.positioner.set_ranges(positions, distances)
+        velocity = 0 if drive.has("profile_velocity") else choices.max_velocity
+        self._basic.set_drive(velocity, positions, distances)
 
     @property
     def clamps(self) -> bool:
@@ -158,10 +160,10 @@ class PositionerExecutor(MotionExecutor):
         super()._forget_home()
 
     def refuse(self) -> None:
-        seen, report = self._seen, self.report
-        seen.standstill = seen.reached = False
-        report.speed = report.length_speed = report.message = 0
+        report = self.report
+        report.length_speed = report.message = 0
         super().refuse()
+        self._report_position(0, reached=False)
 
     def sdo_done(self, error: str | None) -> None:
         if not self._torque.answered(error):
@@ -171,18 +173,16 @@ class PositionerExecutor(MotionExecutor):
         units = self._units
         if answer.wish is not self.outputs.probe or units is None:
             return
-        if answer.error is not None:
-            self._seen.probe_refused = True
         for position in answer.positions.values():
             self._seen.probe = units.to_length(position if self._ring is None else self._ring.near(position))
+        if answer.error is not None:
+            self._seen.probe = Reason.PASSIVE_HOMING_NOT_SUPPORTED
 
     def _probe(self, request: PositionerRequest) -> None:
         """Arm or disarm the probe of passive homing."""
-        outputs, seen = self.outputs, self._seen
-        seen.probe = None
-        seen.probe_refused = False
-        outputs.probe = None
-        if self.positioner.result.probe:
+        outputs = self.outputs
+        self._seen.probe = outputs.probe = None
+        if self._basic.armed:
             commands = request.commands
             outputs.probe = ProbeWish((2 * (commands & _PROBE_2 != 0) + (commands & _PROBE_FALLING_EDGE != 0),))
 
@@ -190,28 +190,32 @@ class PositionerExecutor(MotionExecutor):
         units, speed, message, reason = self._units, self._speed, self._message, self.interlock.reason
         if units is None or speed is None or message is None:
             return reason
-        before = self.positioner.result.warning
-        result, feedback, outputs = self._cycle(), self.feedback, self.outputs
-        request, operating = self.positioner.request, self._seen.operating
-        if self._continued and not self.stopped:
-            result.reached = False
-        if result.probe is (outputs.probe is None):
+        positioner, feedback, outputs = self._basic, self.feedback, self.outputs
+        course, before = positioner.course, positioner.course.warning
+        why = self._cycle()
+        request, operating = positioner.request, self._seen.bits & _OPERATING != 0
+        if positioner.armed is (outputs.probe is None):
             self._probe(request)
         if operating:
-            reason = outputs.reason or result.reason
+            reason = outputs.reason or why
             if reason is Reason.HOMING_ERROR:
                 reason = self.homing.failure
-        self._torque.follow(result.motion.torque if operating else None)
-        if result.warning is not before:
-            self._warn(result.warning)
-        report = self.report
-        report.speed = speed.to_wire(feedback.velocity_actual)
+        self._torque.follow(course.motion.torque if operating else None)
+        if course.warning is not before:
+            self._warn(course.warning)
+        report, reached = self.report, positioner.reached and (not self._continued or self.stopped)
+        self._report_position(speed.to_wire(feedback.velocity_actual), reached=reached)
         report.length_speed = units.to_length_speed(feedback.velocity_actual)
-        report.flags = self._flags(result)
+        report.flags = self._flags(reached=reached)
         if self._stop_reached(request):
             report.flags |= _REACHED
         report.message = message_of(message, feedback, outputs)
         return reason
+
+    def _report_position(self, speed: int, *, reached: bool) -> None:
+        report, positioner = self.report, self._basic
+        report.speed, report.position = speed, positioner.position
+        report.positioner = positioner.words(speed, reached=reached)
 
     def _warn(self, warning: Reason | None) -> None:
         """Report another warning of the positioner once; it is shown while it is active. An edge that started nothing is none."""
@@ -220,31 +224,33 @@ class PositionerExecutor(MotionExecutor):
             if warning is not None and warning not in HELD:
                 self.outputs.warn(FaultNumber.POSITIONER, warning.value)
 
-    def _flags(self, result: PositionerResult) -> int:
-        flags = _STANDING if result.standing else 0
-        if result.reached:
+    def _flags(self, *, reached: bool) -> int:
+        positioner = self._basic
+        flags = _STANDING if self._seen.bits & _STANDSTILL else 0
+        if reached:
             flags |= _REACHED
-        if result.home_set:
+        if positioner.home_set:
             flags |= _HOME_SET
-        if result.acknowledged:
+        if positioner.acknowledged:
             flags |= _TASK_ACKNOWLEDGED
         following_error = self.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
         return flags if following_error else flags | _WITHIN_TOLERANCE
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
-    def _read_state(self) -> None:
+    def _read_state(self) -> int:
         seen, feedback, units = self._seen, self.feedback, self._units
         assert units is not None, "cycles begin when the drive is known"
-        statusword = feedback.statusword
+        statusword, inputs = feedback.statusword, feedback.digital_inputs
         position, ring = feedback.position_actual, self._ring
         seen.position = units.to_length(position if ring is None else ring.follow(position))
-        torque = self.positioner.result.motion.torque
-        seen.torque_at_limit = torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (
-            _AT_LIMIT - 1
-        )
-        seen.negative_limit = feedback.digital_inputs & NEGATIVE_LIMIT_SWITCH != 0
-        seen.positive_limit = feedback.digital_inputs & POSITIVE_LIMIT_SWITCH != 0
+        torque, bits = self._basic.course.motion.torque, 0
+        if torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (_AT_LIMIT - 1):
+            bits = Seen.TORQUE_AT_LIMIT
+        if inputs & NEGATIVE_LIMIT_SWITCH:
+            bits |= _NEGATIVE_LIMIT
+        if inputs & POSITIVE_LIMIT_SWITCH:
+            bits |= _POSITIVE_LIMIT
         executes = False
         if self._set_at >= 0:
             if self._read_acknowledge():
@@ -254,12 +260,13 @@ class PositionerExecutor(MotionExecutor):
             executes = True
             if seen.executing != seen.taken and self._mode.shows_base():
                 self._executes_next()
-        self._read_arrival(executes=executes)
+        return bits | self._read_arrival(executes=executes)
 
     # -- commands -------------------------------------------------------------------------------------------------------
 
-    def _execute(self, motion: Motion) -> int:
-        kind, units = motion.kind, self._units
+    def _execute(self, before: State, reason: Reason | None) -> int:
+        motion, units = self._basic.course.motion, self._units
+        kind = motion.kind
         assert units is not None, "cycles begin when the drive is known"
         if kind is _STAND:
             return self._ramp_down()
@@ -316,12 +323,12 @@ class PositionerExecutor(MotionExecutor):
 
     def _ramp_down(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
-        mode, result = self._mode, self.positioner.result
-        kept = result.state not in _WITHOUT_FUNCTION
+        mode, positioner = self._mode, self._basic
+        kept = positioner.state not in _WITHOUT_FUNCTION
         if kept:
             self._set_at = -1
         else:
-            self._seen.given = result.motion.serial
+            self._seen.given = positioner.course.motion.serial
             self._end_set_point()
         if mode.mode == _VELOCITY_MODE:
             self.command.target_velocity = 0

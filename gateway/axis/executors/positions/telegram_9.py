@@ -16,7 +16,7 @@ from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
 from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.requests import Command, Goal, HomingResult, Motion, MotionKind, PositionerRequest
+from pdgw.gateway.motion.requests import Command, Goal, HomingResult, Motion, MotionKind, PositionerRequest, Seen
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
@@ -25,6 +25,7 @@ _STANDING, _REACHED = Flag.STANDING, Flag.REACHED
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
 _ACTIVATE, _ABSOLUTE, _MDI_SELECTED = Command.ACTIVATE_TASK, Command.ABSOLUTE, Command.MDI
 _IDLE, _HOMING, _BRAKING = State.IDLE, State.HOMING, State.BRAKING
+_OPERATING, _STOPPED = Seen.OPERATING, Seen.STOPPED
 _ENABLED = (Action.ENABLE_OPERATION, Action.RAMP)
 
 
@@ -49,11 +50,10 @@ class PositioningExecutor(MotionExecutor):
             self._turn_bits[Direction.NEGATIVE] = turntable.ccw
         super().set_drive(drive, homing_method)
         scaling = self._scaling = TaskScaling.of(drive)
-        self._mdi.require_velocity(scaling.only_velocity)
         window = drive.position_window
         if window is None:
             window = int(drive.scaling.reference(Quantity.POSITION) * self.settings.standstill_window)
-        self._mdi.set_window(None if self._turntable else window)
+        self._mdi.set_drive(scaling.only_velocity, None if self._turntable else window)
 
     def refuse(self) -> None:
         super().refuse()
@@ -65,21 +65,21 @@ class PositioningExecutor(MotionExecutor):
         scaling, reason = self._scaling, self.interlock.reason
         if scaling is None:
             return reason
-        result = self._cycle()
-        request, feedback, report = self._mdi.request, self.feedback, self.report
-        homes = result.state is _HOMING
+        self._cycle()
+        mdi, feedback, report = self._mdi, self.feedback, self.report
+        request, homes = mdi.request, mdi.state is _HOMING
         flags = _STANDING if self.inputs.standstill else 0
-        if self._seen.operating:
-            reason = self.outputs.reason or result.warning
-            waits = result.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
+        if self._seen.bits & _OPERATING:
+            reason = self.outputs.reason or mdi.course.warning
+            waits = mdi.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
         if self._stop_reached(request):
             flags |= _REACHED
-        if result.home_set:
+        if mdi.home_set:
             flags |= _HOME_SET
         if not homes:
-            of_the_task = result.motion.first <= self._seen.given
+            of_the_task = mdi.course.motion.first <= self._seen.given
             if self._acknowledges and of_the_task:
                 flags |= _TASK_ACKNOWLEDGED
             selected = request.commands & _MDI_SELECTED != 0
@@ -95,7 +95,7 @@ class PositioningExecutor(MotionExecutor):
         """A method that the drive lacks starts nothing and sets the warning until homing is no longer requested."""
         request, outputs = self._mdi.request, self.outputs
         if not request.commands & Command.START_HOMING:
-            if self.positioner.result.state is _IDLE:
+            if self._mdi.state is _IDLE:
                 outputs.end_warnings(TASK_WARNINGS)
         elif edge:
             return self.homing.require_method(request.number)
@@ -125,19 +125,19 @@ class PositioningExecutor(MotionExecutor):
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
-    def _read_state(self) -> None:
-        seen, feedback = self._seen, self.feedback
-        seen.position = feedback.position_actual
-        seen.stopped = self._rests
+    def _read_state(self) -> int:
+        seen = self._seen
+        seen.position = self.feedback.position_actual
+        stopped = _STOPPED if self._rests else 0
         if self._set_at >= 0 and seen.taken != seen.given and self._read_acknowledge():
             self._executes_next()
-        self._read_arrival(executes=seen.taken == seen.given)
+        return stopped | self._read_arrival(executes=seen.taken == seen.given)
 
-    def _execute(self, motion: Motion) -> int:
-        mdi, mode, outputs = self._mdi, self._mode, self.outputs
-        state, before = mdi.result.state, mdi.before
-        if before is _BRAKING or mdi.result.reason is not None:
-            outputs.reason = mdi.result.reason
+    def _execute(self, before: State, reason: Reason | None) -> int:
+        mode, outputs, course, state = self._mode, self.outputs, self._mdi.course, self._mdi.state
+        motion, goal = course.motion, course.goal
+        if before is _BRAKING or reason is not None:
+            outputs.reason = reason
         if state is _HOMING:
             return self._home_as_asked(motion)
         if state is _BRAKING:
@@ -151,7 +151,6 @@ class PositioningExecutor(MotionExecutor):
             mode.abandon()
         if state is _IDLE and before is _IDLE and self._rest():
             return HALT
-        goal = mdi.goal
         if goal is not None and motion.kind is MotionKind.STAND:
             return HALT | self._interrupted(goal)
         if mode.halted:
@@ -169,7 +168,7 @@ class PositioningExecutor(MotionExecutor):
 
     def _interrupted(self, goal: Goal) -> int:
         """An intermediate stop: the handshake ends; one of a goal that is replaced is over."""
-        if self._mdi.waits:
+        if self._mdi.course.waits:
             self._bits = self._bits_of(goal)
             self._set_at = -1
         elif self._may_fall():
@@ -179,7 +178,7 @@ class PositioningExecutor(MotionExecutor):
     def _may_fall(self) -> bool:
         """CW.4 stays until the drive has taken the task and STW1.6 falls, or another task waits."""
         request = self._mdi.request
-        return self._seen.taken == self._seen.given and (not request.commands & _ACTIVATE or self._mdi.waits)
+        return self._seen.taken == self._seen.given and (not request.commands & _ACTIVATE or self._mdi.course.waits)
 
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
         """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
@@ -189,7 +188,7 @@ class PositioningExecutor(MotionExecutor):
             elif self._replaces(motion, self._seen.given):
                 self._set_at = -1
                 self.outputs.end_warnings(TASK_WARNINGS)
-        elif goal is not None and self._mdi.waits:
+        elif goal is not None and self._mdi.course.waits:
             self._blocked = self._acknowledges
             if not self._blocked and self._mode.request(self._mode.base):
                 self._send_setpoint(motion, goal)
@@ -219,7 +218,8 @@ class PositioningExecutor(MotionExecutor):
 
     def _homing_ends(self, result: HomingResult) -> None:
         super()._homing_ends(result)
-        self.positioner.result.home_set = result is HomingResult.ATTAINED
+        if result is HomingResult.ATTAINED:
+            self._mdi.homed()
 
     def _home_as_asked(self, motion: Motion) -> int:
         """Homing with method and velocity of its edge; CW.4 stays after its end until STW1.11 falls."""
