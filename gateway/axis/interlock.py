@@ -135,7 +135,7 @@ class Commanded:
             return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
         if self.enabling and shown is _SWITCHED_ON and drive in _FELL:
             return Drive.FELL_BACK  # instead of reaching operation
-        operated = self.enabling and (self.enable.given or self.enable.due(now))
+        operated = self.enabling and self.enable.due(now)
         return Drive.FELL_BACK if operated and shown is _OPERATING and drive in _FELL else drive
 
     def _quick_stopping(self, standstill: bool, now: int) -> Drive:

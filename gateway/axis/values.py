@@ -18,6 +18,17 @@ from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bi
 # than the command. It is an answer earlier only if the drive has shown something else since the command.
 
 
+class _Shown(enum.Enum):
+    """What the drive has shown since the newest command."""
+
+    NOTHING = "nothing that counts"
+    OTHER = "something else, or the present: what the command asks for is the answer as soon as it is shown"
+    ANSWER = "the answer, in the last word"
+
+
+_NOTHING, _OTHER, _ANSWER = _Shown
+
+
 class Answer:
     """The answer of a drive to the newest command of one kind: a change of 6040h or 6060h, or a setpoint."""
 
@@ -25,10 +36,12 @@ class Answer:
         self._latency = latency_ns
         self._since = 0
         """When the command was given, monotonic ns; 0: it is answered, or long ago."""
-        self._changed = False
-        """The drive has shown something else since, or shows the present."""
-        self.given = False
+        self._shown = _NOTHING
+
+    @property
+    def given(self) -> bool:
         """The last word read was an answer: it showed what the command asks for."""
+        return self._shown is _ANSWER
 
     def command(self, now: int, *, level: bool = False) -> None:
         """A new command.
@@ -36,20 +49,23 @@ class Answer:
         ``level``: the drive always shows its present state, such as a mode. If no other command is under way, it can be in the
         requested one already. An event, such as the end of a motion, must come after the command.
         """
-        self._changed = level and (self.given or self.due(now))
-        self._since, self.given = now, False
+        self._shown = _OTHER if level and self.due(now) else _NOTHING
+        self._since = now
 
     def read(self, shown: bool, now: int) -> bool:
         """Take what one cycle shows. True if it is ``shown``, and answers the command."""
-        if not shown:
-            self._changed = True
-        if (shown and self._changed) or self.due(now):
-            self._since, self._changed, self.given = 0, False, shown
-        return self.given
+        since = self._since
+        if since and now - since < self._latency and not (shown and self._shown is _OTHER):
+            if not shown:
+                self._shown = _OTHER
+            return False
+        self._since = 0
+        self._shown = _ANSWER if shown else _NOTHING
+        return shown
 
     def withdraw(self) -> None:
         """The command is not in force any more."""
-        self._since, self._changed, self.given = 0, False, False
+        self._since, self._shown = 0, _NOTHING
 
     def due(self, now: int) -> bool:
         """The drive has had the time to show the answer, or has shown it."""

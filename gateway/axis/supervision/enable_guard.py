@@ -7,6 +7,7 @@ Enable Operation stayed set until then (``ramp_stop_resume``, ``control_lost = "
 
 from __future__ import annotations
 
+import enum
 from typing import Final
 
 from pdgw.dsp402.states import ControlBit
@@ -16,46 +17,44 @@ ENABLE_OPERATION: Final = (
     ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP | ControlBit.ENABLE_OPERATION
 )
 _ENABLE: Final = PowerWish.ENABLE
-_OFFS: Final = OFFS
 _CONTINUING: Final = (PowerWish.ON, PowerWish.HOLD)
+
+
+class _Request(enum.Enum):
+    """The requests of the PLC up to now."""
+
+    LOCKED = "no OFF in this connection, or something else than OFF and ON since"
+    RELEASED = "OFF, and nothing but ON since: not operation"
+    GRANTED = "operation, not commanded since the request began"
+    USED = "operation, commanded"
+
+
+_LOCKED, _RELEASED, _GRANTED, _USED = _Request
 
 
 class EnableGuard:
     """Guard of one axis. Call ``step`` once per cycle, after everything that changes the Controlword."""
 
     def __init__(self) -> None:
-        self._off_seen = False
-        """The PLC sent OFF, and nothing but ON since."""
-        self._asked = False
-        """Whether the PLC requested operation in the previous cycle."""
+        self._request = _LOCKED
         self._commanded = False
         """The Controlword of the cycle before was Enable Operation."""
-        self._granted = False
-        """The PLC began to ask, and operation was not commanded since."""
 
     def step(self, wish: PowerWish | None, controlword: int) -> bool:
         """Check one cycle. False for an Enable Operation without a request, which must not be sent. ``wish``: request of the
         PLC, None without one.
         """
-        asks = wish is _ENABLE
-        if asks is not self._asked or not asks:
-            self._asked = asks
-            self._follow(wish)
+        if wish is _ENABLE:
+            if self._request is _RELEASED:
+                self._request = _USED if self._commanded else _GRANTED
+        elif wish in OFFS or (wish in _CONTINUING and self._request is not _LOCKED):
+            self._request = _RELEASED
+        else:
+            self._request = _LOCKED
         commanded = controlword & ENABLE_OPERATION == ENABLE_OPERATION
         if commanded is self._commanded:
             return True
-        allowed = not commanded or self._granted
-        if commanded:
-            self._granted = False
-        self._commanded = commanded and allowed
-        return allowed
-
-    def _follow(self, wish: PowerWish | None) -> None:
-        if wish is _ENABLE:
-            self._granted = self._off_seen and not self._commanded
-            return
-        self._granted = False
-        if wish in _OFFS:
-            self._off_seen = True
-        elif wish not in _CONTINUING:
-            self._off_seen = False
+        self._commanded = commanded and self._request is _GRANTED
+        if self._commanded:
+            self._request = _USED
+        return self._commanded is commanded
