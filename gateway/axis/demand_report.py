@@ -12,7 +12,6 @@ from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.motion.requests import NOTHING, PositionerRequest
-from pdgw.profidrive.encoder import SENSOR_STATUS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 
 _ZSW1: Final = signal("ZSW1")
@@ -98,10 +97,6 @@ class Demand:
         """Request to a positioner."""
         self.raw: Sequence[int] | None = None
         """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
-        self.sensor: int | None = None
-        """Sensor control word (G1_STW), None without a PLC."""
-        self.second_sensor: int | None = None
-        """G2_STW, likewise."""
 
 
 class Flag:
@@ -124,10 +119,6 @@ class Flag:
         | _ZSW1.bit("DEVICE_15").mask
     )
     """Statusword bits that are shown unchanged (docs/telegrams.md, ZSW1)."""
-
-
-NO_SENSOR: Final = (SENSOR_STATUS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
-"""Words of a missing sensor."""
 
 
 class Report:
@@ -154,10 +145,6 @@ class Report:
         self.warning_code = 0
         self.raw: Sequence[int] = ()
         """Raw values of the objects of a transparent telegram, the Statusword first."""
-        self.sensor: tuple[int, int, int] = (0, 0, 0)
-        """G1_ZSW, G1_XIST1, G1_XIST2."""
-        self.second_sensor: tuple[int, int, int] = NO_SENSOR
-        """G2_ZSW, G2_XIST1, G2_XIST2."""
 
 
 SHOWN_FAULT: Final = _ZSW1.bit("FAULT").mask

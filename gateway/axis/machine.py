@@ -31,7 +31,7 @@ from pdgw.gateway.axis.executors.executor import AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.executors.positions.telegram_9 import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
-from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SecondDriveSensor, SensorWords
+from pdgw.gateway.axis.executors.sensor import NO_SENSOR, DriveSensor, EncoderReferences, SecondDriveSensor, SensorWords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import LoadExecutor, TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
@@ -49,7 +49,7 @@ from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
 from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, HaltWatch, OperationWatch, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
-from pdgw.gateway.axis.telegrams import SECOND_SENSOR_NUMBERS, Kind, drive_telegram, make_adapter
+from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
     Configured,
     FaultRead,
@@ -114,10 +114,13 @@ class AxisMachine:
         self._guard = EnableGuard()
         records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.report, self.outputs)
         self.executor = _EXECUTORS[kind](records)
-        has_sensor = "G1_STW" in self.telegram.setpoints.names
-        self.sensor = SensorWords(0, DriveSensor(feedback)) if has_sensor else None
-        has_second = settings.second_sensor is not SecondSensor.NONE and number in SECOND_SENSOR_NUMBERS
-        self.second_sensor = second = SensorWords(1, SecondDriveSensor(feedback)) if has_second else None
+        first_words, second_words = self.adapter.sensors
+        self.sensor = SensorWords(0, DriveSensor(feedback), first_words) if first_words[0] >= 0 else None
+        self.second_sensor = second = None
+        if settings.second_sensor is not SecondSensor.NONE and second_words[0] >= 0:
+            self.second_sensor = second = SensorWords(1, SecondDriveSensor(feedback), second_words)
+        elif second_words[0] >= 0:
+            self.outputs.actuals[second_words[1] : second_words[1] + len(NO_SENSOR)] = NO_SENSOR
         if self.sensor is not None:
             self.sensor.channel.set_references(self.sensor.own.references)
             self.sensor.measure(possible=not settings.g1_is_encoder)
@@ -368,10 +371,10 @@ class AxisMachine:
         inputs, outputs, demand, second = self.inputs, self.outputs, self.demand, self.second_sensor
         lost = self.life is not None and self.life.lost
         error = SensorError.CONTROLLER_SIGN_OF_LIFE if lost else None
-        self.report.sensor = sensor.step(demand.sensor, inputs, error)
+        sensor.step(demand, inputs, error, outputs.actuals)
         outputs.probe, outputs.presets[0] = sensor.probe, sensor.channel.preset_write
         if second is not None:
-            self.report.second_sensor = second.step(demand.second_sensor, inputs, error)
+            second.step(demand, inputs, error, outputs.actuals)
             outputs.presets[1] = second.channel.preset_write
 
     # -- events since the last cycle ----------------------------------------------------------------------------------

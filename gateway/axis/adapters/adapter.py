@@ -79,6 +79,14 @@ class SignalAdapter:
 class Adapter(SignalAdapter):
     """One telegram of one axis: ``read`` its setpoints into the demand, ``write`` the report into its actual values."""
 
+    def __init__(self, telegram: Telegram) -> None:
+        super().__init__(telegram)
+        self.sensors = tuple(
+            (self.setpoint(f"{name}_STW"), self.actual(f"{name}_ZSW", f"{name}_XIST1", f"{name}_XIST2"))
+            for name in ("G1", "G2")
+        )
+        """Places of the words of the sensors, which ``SensorWords`` read and write."""
+
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         """Raw setpoints in telegram order, None without a valid PLC."""
         raise NotImplementedError
@@ -107,7 +115,7 @@ _UNCONTROLLED: Final = {item: _without_control(item) for item in ControlLost}
 
 
 class ControlWordAdapter(Adapter):
-    """A telegram with STW1 and ZSW1, and possibly the words of a sensor. STW1 is evaluated when it changes."""
+    """A telegram with STW1 and ZSW1. STW1 is evaluated when it changes."""
 
     IGNORED: ClassVar[int] = 0
     """Bits of STW1 without an effect."""
@@ -117,8 +125,6 @@ class ControlWordAdapter(Adapter):
         self._uncontrolled = _UNCONTROLLED[settings.control_lost]
         self.stw1 = self.setpoint("STW1")
         self.zsw1 = self.actual("ZSW1")
-        self.g1_stw = self.setpoint("G1_STW")
-        self.g1_zsw = self.actual("G1_ZSW", "G1_XIST1", "G1_XIST2")
         self.word: int | None = None
         """The last STW1; None without a PLC."""
         self._visible = ~0
@@ -134,7 +140,6 @@ class ControlWordAdapter(Adapter):
             demand.connected = self._armed = False
             demand.in_control = True
             demand.device_bits = 0
-            demand.sensor = demand.second_sensor = None
             return False
         if not word & _CONTROL_BY_PLC:
             demand.in_control = demand.acknowledge = self._armed = False

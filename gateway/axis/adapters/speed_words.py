@@ -1,4 +1,4 @@
-"""Telegrams 1-4, 20, 102 and 103: STW1, ZSW1 and a speed; sensor words, MOMRED and MELDW where they have them.
+"""Telegrams 1-4, 20, 102 and 103: STW1, ZSW1 and a speed; MOMRED and MELDW where they have them.
 
 Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2.
 """
@@ -42,11 +42,8 @@ class SpeedAdapter(ControlWordAdapter):
         word = None if setpoints is None else setpoints[self.stw1]
         if word != self.word:
             self._evaluate(word, demand)
-        if setpoints is not None and demand.in_control:
-            if demand.speed_wish is _FOLLOW_SPEED:
-                demand.speed = setpoints[self._setpoint] * self._setpoint_factor
-            if self.g1_stw >= 0:
-                demand.sensor = setpoints[self.g1_stw]
+        if setpoints is not None and demand.in_control and demand.speed_wish is _FOLLOW_SPEED:
+            demand.speed = setpoints[self._setpoint] * self._setpoint_factor
 
     def _evaluate(self, word: int | None, demand: Demand) -> None:
         if not self.take(word, demand) or word is None:
@@ -65,29 +62,21 @@ class SpeedAdapter(ControlWordAdapter):
         actuals[self.zsw1] = self.status(report.flags)
         speed, factor = report.speed, self._actual_factor
         actuals[self._actual] = speed // factor if speed >= 0 else -(-speed // factor)
-        first = self.g1_zsw
-        if first >= 0:
-            actuals[first], actuals[first + 1], actuals[first + 2] = report.sensor
 
 
 class WideSpeedAdapter(SpeedAdapter):
-    """The longer telegrams: values of the motor (20), torque reduction and message word (102, 103), a second sensor (4, 103)."""
+    """The longer telegrams: values of the motor (20), torque reduction and message word (102, 103)."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
         self._load = self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR")
         self._torque = self.setpoint("MOMRED")
         self._message = self.actual("MELDW")
-        self._g2_stw = self.setpoint("G2_STW")
-        self._g2_zsw = self.actual("G2_ZSW", "G2_XIST1", "G2_XIST2")
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         super().read(setpoints, demand)
-        if setpoints is not None and demand.in_control:
-            if self._torque >= 0:
-                demand.torque_reduction = setpoints[self._torque]
-            if self._g2_stw >= 0:
-                demand.second_sensor = setpoints[self._g2_stw]
+        if setpoints is not None and demand.in_control and self._torque >= 0:
+            demand.torque_reduction = setpoints[self._torque]
 
     def write(self, report: Report, actuals: list[int]) -> None:
         super().write(report, actuals)
@@ -97,9 +86,6 @@ class WideSpeedAdapter(SpeedAdapter):
             actuals[first + 3] = report.namur
         if self._message >= 0:
             actuals[self._message] = report.message
-        first = self._g2_zsw
-        if first >= 0:
-            actuals[first], actuals[first + 1], actuals[first + 2] = report.second_sensor
 
 
 class DscAdapter(WideSpeedAdapter):

@@ -17,6 +17,7 @@ from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.demand_report import Demand
 from pdgw.gateway.axis.values import EncoderInput, Inputs, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
@@ -194,16 +195,24 @@ class SecondDriveSensor(DriveSensor):
         return self._feedback.second_position
 
 
+NO_SENSOR: Final = (SENSOR_STATUS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
+"""Words of a missing sensor."""
+
+
 class SensorWords:
     """G1 (``place`` 0) or G2 (1) in the telegram of a drive, beside its executor.
 
     ``own``: the drive's position, which counts without an encoder of its own.
     """
 
-    def __init__(self, place: int, own: DriveSensor) -> None:
+    def __init__(self, place: int, own: DriveSensor, words: tuple[int, int]) -> None:
         self.channel = SensorChannel()
         self.own = own
         self._place = place
+        self._control, self._status = words
+        """Places of G1_STW and G1_ZSW in the telegram; G1_XIST1 and G1_XIST2 follow."""
+        self._word: int | None = None
+        """G1_STW, None without a PLC; the last one without its control."""
         self.probe: ProbeWish | None = None
         """Positions that the drive's touch probe must latch; a new object for each request."""
         self._search: Search | None = None
@@ -241,15 +250,19 @@ class SensorWords:
         else:
             channel.sensor.preset_failed()
 
-    def step(self, word: int | None, inputs: Inputs, error: SensorError | None) -> tuple[int, int, int]:
-        """One cycle; returns G1_ZSW, G1_XIST1 and G1_XIST2, or those of G2."""
-        channel, encoder = self.channel, inputs.encoders[self._place]
+    def step(self, demand: Demand, inputs: Inputs, error: SensorError | None, actuals: list[int]) -> None:
+        """One cycle: sets G1_ZSW, G1_XIST1 and G1_XIST2, or those of G2."""
+        channel, encoder, setpoints = self.channel, inputs.encoders[self._place], inputs.setpoints
         ok = inputs.drive_ok if encoder is None else inputs.encoders_ok[self._place]
-        values = channel.step(word, self.own if encoder is None else encoder, ok, inputs.now, error)
+        if not demand.connected or setpoints is None:
+            self._word = None
+        elif demand.in_control:
+            self._word = setpoints[self._control]
+        values = channel.step(self._word, self.own if encoder is None else encoder, ok, inputs.now, error)
         measuring = channel.sensor.measuring
         if measuring is not None:
             self._detect_search(measuring)
         if not channel.valid and channel.sensor.state is SensorState.NORMAL:
             # No position has arrived yet, but the drive's IOPS may be good: not stored, it ends with the first position.
-            return SENSOR_STATUS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
-        return values
+            values = SENSOR_STATUS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
+        actuals[self._status : self._status + len(values)] = values

@@ -68,8 +68,6 @@ OF: Final[dict[type, dict[str, Any]]] = {
                 "speed",
                 "positioner",
                 "raw",
-                "sensor",
-                "second_sensor",
             }
         )
     },
