@@ -130,7 +130,13 @@ def import_eds(source: str | PathLike[str] | bytes, node_id: int) -> EdsImport:
     """
     if node_id not in NODE_IDS:
         raise EdsError(Problem(0, "", "node-ID", str(node_id), "a node-ID must be 1..127"))
-    sheet, relative = _imported(_read(source))
+    return _of_node(_read(source), node_id)
+
+
+@lru_cache(maxsize=len(NODE_IDS))
+def _of_node(content: bytes, node_id: int) -> EdsImport:
+    """A file as of one node: a node that is brought up again is not imported again."""
+    sheet, relative = _imported(content)
     dictionary = eds.import_eds(io.StringIO(relative), node_id)
     own = dictionary.indices
     dictionary.indices = {index: own.get(index, item) for index, item in sheet.dictionary.indices.items()}
