@@ -75,7 +75,8 @@ def until(daemon: Daemon, condition: Callable[[], object], what: str, patience: 
 
 def online(daemon: Daemon, patience: int = PATIENCE) -> None:
     """Run the world until every node was brought up once."""
-    until(daemon, lambda: all(client.generation for client in daemon.clients), "online", patience)
+    clients = daemon.clients
+    until(daemon, lambda: all(client.generation for client in clients), "online", patience)
 
 
 class Plc:
