@@ -1,17 +1,18 @@
 """Interface between telegrams and drives: the request to an axis (``Demand``) and its actual state (``Report``).
 
-Neither depends on a telegram. Each axis has one object of each and uses it in every cycle. Fractions of a reference are integers,
-4000 0000h is 100 % (N4; N2 is converted without loss).
+Adapters change a ``Demand`` when the words of their telegram change. Executors return a new ``Report`` in each cycle. Fractions
+of a reference are integers, 4000 0000h is 100 % (N4; N2 is converted without loss).
 """
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.motion.requests import NOTHING, PositionerRequest
+from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 
 _ZSW1: Final = signal("ZSW1")
@@ -71,7 +72,7 @@ class SpeedWish(enum.IntEnum):
 
 
 class Demand:
-    """Request to an axis. An adapter sets the fields that its telegram has; the others keep their initial value."""
+    """Request to an axis; the state of an adapter, whose kind of telegram has the other fields."""
 
     def __init__(self) -> None:
         self.connected = False
@@ -82,25 +83,45 @@ class Demand:
         """Meant while ``connected``."""
         self.acknowledge = False
         """Acknowledge a fault (level; its edge counts)."""
+
+
+class SpeedDemand(Demand):
+    """Request of a telegram with a speed."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self.device_bits = 0
         """Bits 12-15 for the Controlword."""
         self.speed = 0
         """Fraction of the reference speed."""
         self.speed_wish: SpeedWish = SpeedWish.FOLLOW
-        self.xerr = 0
-        """Position error of the PLC's controller, in increments of G1."""
-        self.kpc = 0
-        """Gain of XERR in 0.001/s; 0: no position control by the drive."""
+        self.position_error = (0, 0)
+        """XERR, position error of the PLC's controller in increments of G1, and KPC, its gain in 0.001/s; 0: no position control
+        by the drive."""
         self.torque_reduction = 0
         """Reduction of the torque limit, as a fraction (N2); 0 or below: nothing."""
+
+
+class MotionDemand(Demand):
+    """Request of a telegram with positions."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self.motion: PositionerRequest = NOTHING
         """Request to a positioner."""
+
+
+class RawDemand(Demand):
+    """Request of a transparent telegram."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self.raw: Sequence[int] | None = None
-        """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
+        """Raw values for the objects, the Controlword first; None before there are any."""
 
 
 class Flag:
-    """Displayed states of an axis, as bits of ``Report.flags``. The positions are those of ZSW1, so a mask gives the word."""
+    """Displayed states of an axis, as bits. The positions are those of ZSW1, so a mask gives the word."""
 
     NO_COAST_STOP: Final = _ZSW1.bit("NO_COAST_STOP").mask
     NO_QUICK_STOP: Final = _ZSW1.bit("NO_QUICK_STOP").mask
@@ -121,30 +142,23 @@ class Flag:
     """Statusword bits that are shown unchanged (docs/telegrams.md, ZSW1)."""
 
 
-class Report:
-    """Displayed state of an axis; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
+class Report(NamedTuple):
+    """What an axis shows in a step. Positions and speeds are fractions of the references, those of a positioner LU and LU/min."""
 
-    def __init__(self) -> None:
-        self.flags = 0
-        self.speed = 0
-        self.position = 0
-        """That of a positioner in LU."""
-        self.length_speed = 0
-        """Speed of a positioner in LU/min."""
-        self.homing_method = 0
-        self.tasks_active = False
-        self.positioner = (0, 0)
-        """POS_ZSW1 and POS_ZSW2."""
-        self.message = 0
-        """MELDW."""
-        self.load: tuple[int, int, int] = (0, 0, 0)
-        """Current, torque and power as N2."""
-        self.namur = 0
-        """MELD_NAMUR."""
-        self.fault_code = 0
-        self.warning_code = 0
-        self.raw: Sequence[int] = ()
-        """Raw values of the objects of a transparent telegram, the Statusword first."""
+    reason: Reason | None
+    """Why it does not follow the request."""
+    flags: int = 0
+    """Bits of ``Flag`` that only the executor knows."""
+    speed: int = 0
+    """Also of a positioner a fraction of the reference."""
+    position: int = 0
+    length_speed: int = 0
+    active: int = 0
+    """AKTSATZ of telegram 9: the homing method, and MDI active."""
+    positioner: tuple[int, int] = (0, 0)
+    """POS_ZSW1 and POS_ZSW2."""
+    raw: Sequence[int] = ()
+    """Raw values of the objects of a transparent telegram, the Statusword first."""
 
 
 SHOWN_FAULT: Final = _ZSW1.bit("FAULT").mask

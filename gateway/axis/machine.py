@@ -33,7 +33,7 @@ from pdgw.gateway.axis.executors.positions.telegram_9 import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.sensor import NO_SENSOR, DriveSensor, EncoderReferences, SecondDriveSensor, SensorWords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.executors.torque import LoadExecutor, TorqueExecutor
+from pdgw.gateway.axis.executors.torque import DriveWords, TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit
 from pdgw.gateway.axis.settings import AxisSettings, Missing, SecondSensor, missing, needed_quantities
@@ -87,7 +87,7 @@ _STOPS_WITHOUT_PLC: Final = {
 _EXECUTORS: dict[Kind, Callable[[AxisRecords], Executor]] = {
     Kind.SPEED: SpeedExecutor,
     Kind.DSC: DscExecutor,
-    Kind.LOAD: LoadExecutor,
+    Kind.LOAD: SpeedExecutor,
     Kind.TORQUE: TorqueExecutor,
     Kind.POSITIONING: PositioningExecutor,
     Kind.POSITIONER: PositionerExecutor,
@@ -108,11 +108,12 @@ class AxisMachine:
         self.adapter = make_adapter(number, settings)
         self.inputs = Inputs(feedback)
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
-        self.demand = Demand()
-        self.report = Report()
+        self.demand: Demand = self.adapter.demand
+        self.flags = 0
+        """What the axis shows: bits of ``Flag``."""
         self.interlock = Interlock(settings)
         self._guard = EnableGuard()
-        records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.report, self.outputs)
+        records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.outputs)
         self.executor = _EXECUTORS[kind](records)
         first_words, second_words = self.adapter.sensors
         self.sensor = SensorWords(0, DriveSensor(feedback), first_words) if first_words[0] >= 0 else None
@@ -126,6 +127,7 @@ class AxisMachine:
             self.sensor.measure(possible=not settings.g1_is_encoder)
         if second is not None and settings.second_sensor is SecondSensor.DRIVE:
             second.channel.set_references(second.own.references)
+        self._words = DriveWords(self.adapter.message, self.adapter.load, self.adapter.codes)
         self._node = NodeWatch(self.outputs)
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
@@ -186,10 +188,10 @@ class AxisMachine:
         commanded = outputs.command.controlword
         known = self.usable and not self.units_contradicted
         wish = self._step_power(known, commanded)
-        reason = self._step_motion(known, wish)
+        reason, report = self._step_motion(known, wish)
         if self.sensor is not None:
             self._step_sensors(self.sensor)
-        self._write_report()
+        self._write_report(known, report)
         self._supervise(known, commanded, reason)
         self._write_notes(reason)
         return outputs
@@ -204,7 +206,7 @@ class AxisMachine:
                 self.outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, inputs.now))
             if life.lost:
                 setpoints = None
-        self.adapter.read(setpoints, demand)
+        self.adapter.read(setpoints)
         wish = demand.power if demand.connected else self._stop_without_plc()
         if not demand.in_control:
             self._without_control()
@@ -223,36 +225,35 @@ class AxisMachine:
         self.interlock.step(wish, demand.acknowledge, condition, statusword, standstill, inputs.now)
         return wish
 
-    def _step_motion(self, known: bool, wish: PowerWish | None) -> Reason | None:
-        """The command to the drive and what it shows. Returns why the axis does not do what the PLC requests."""
-        inputs, outputs, report, interlock = self.inputs, self.outputs, self.report, self.interlock
+    def _step_motion(self, known: bool, wish: PowerWish | None) -> tuple[Reason | None, Report]:
+        """The command to the drive and what it shows; first, why the axis does not do what the PLC requests."""
+        inputs, outputs, interlock, executor = self.inputs, self.outputs, self.interlock, self.executor
         statusword, cell = inputs.feedback.statusword, interlock.cell
-        if known:
-            reason = self.executor.step()
-        else:
-            self.executor.refuse()
-            reason = Reason.UNITS_CONTRADICTED if self.units_contradicted else interlock.reason
+        report = executor.step() if known else executor.refuse()
+        reason = Reason.UNITS_CONTRADICTED if self.units_contradicted else report.reason
         flags = statusword & cell.visible
         if known and inputs.drive_ok:
             flags |= report.flags | (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
-            report.flags = flags | _WARNING if outputs.warned or self._control_lost else flags
+            if outputs.warned or self._control_lost:
+                flags |= _WARNING
         else:
-            report.flags = flags | SHOWN_FAULT
+            flags |= SHOWN_FAULT
             if not inputs.drive_ok:
-                self.executor.lost()
+                executor.lost()
                 reason = reason if known else Reason.DRIVE_OFFLINE
+        self.flags = flags
         if not self.demand.in_control:
             reason = Reason.CONTROL_HELD if self.demand.power is _HOLD and interlock.operates else Reason.NO_CONTROL
         if not self._guard.step(wish, outputs.command.controlword):
             reason = self._stop_unasked(inputs.now)
-        return reason
+        return reason, report
 
-    def _write_report(self) -> None:
+    def _write_report(self, known: bool, report: Report) -> None:
         """The actual values of the telegram."""
         inputs, outputs = self.inputs, self.outputs
-        if self.shows_codes:
-            self.report.fault_code, self.report.warning_code = inputs.fault_code, inputs.warning_code
-        self.adapter.write(self.report, outputs.actuals)
+        self.adapter.write(self.flags, report, outputs.actuals)
+        if self._words.any:
+            self._words.step(self.flags, inputs, outputs, known=known)
         outputs.good = inputs.drive_ok
         outputs.released = self.interlock.released
 
@@ -348,7 +349,7 @@ class AxisMachine:
         command.controlword = CONTROLWORDS[Action.QUICK_STOP]
         command.target_velocity = command.target_torque = 0
         shown = SHOWN_UNCOMMANDED[self.inputs.feedback.statusword & STATE_MASK]
-        self.report.flags = self.inputs.feedback.statusword & Flag.OF_THE_DRIVE | shown
+        self.flags = self.inputs.feedback.statusword & Flag.OF_THE_DRIVE | shown
         self.interlock.distrust()
         self.outputs.fault(gateway_fault(FaultNumber.ENABLE_UNASKED, detail, now))
         return Reason.NEEDS_OFF
@@ -440,6 +441,7 @@ class AxisMachine:
         self._window = max(1, int(speed * self.settings.standstill_window))
         self._stop.reference = int(speed)
         self._check.set_drive(drive.scaling, self._window)
+        self._words.set_drive(drive)
         sensor, span = self.sensor, drive.scaling.position_span
         if sensor is not None and not self.settings.g1_is_encoder and sensor.own.references.total_range != span:
             sensor.own.references = replace(sensor.own.references, total_range=span)

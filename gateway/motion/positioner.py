@@ -239,11 +239,9 @@ class Positioner:
 class BasicPositioner(Positioner):
     """One axis' positioner with blocks, setting up, jog and the user's coordinates."""
 
-    course: UserCourse
-
     def __init__(self, choices: PositionerChoices) -> None:
         self.choices = choices
-        course = UserCourse(PositionerFeedback(), choices.position_window, choices=choices)
+        course = self._course = UserCourse(PositionerFeedback(), choices.position_window, choices=choices)
         self._chain = BlockChain(BlockTable(choices.blocks), course)
         self._now = 0
         """Time of this step, monotonic ns."""
@@ -306,7 +304,7 @@ class BasicPositioner(Positioner):
     def set_drive(self, velocity: int, positions: tuple[int, int], distances: tuple[int, int]) -> None:
         """Set the only velocity of a task to a position, for a drive without 6081h (0: any), the range of the drive's positions,
         in its own coordinates, and that of one relative task."""
-        course = self.course
+        course = self._course
         course.only_velocity, course.positions, course.distances = velocity, positions, distances
 
     @property
@@ -324,17 +322,17 @@ class BasicPositioner(Positioner):
         """The axis has ended its function, or there is none."""
         state = self.state
         if state is _MDI:
-            return self.course.arrived()
+            return self._course.arrived()
         rests = (state is _IDLE or state is _TRACKING) and self.seen.bits & _STANDSTILL != 0
         return rests and self._pending is None and not self._homing_waits
 
     def forget_home(self) -> None:
         super().forget_home()
-        self.course.offset = 0
+        self._course.offset = 0
 
     def step(self, request: PositionerRequest, now: int) -> Reason | None:
         self.request, self._now = request, now
-        course, commands, operating = self.course, request.commands, self.seen.bits & _OPERATING != 0
+        course, commands, operating = self._course, request.commands, self.seen.bits & _OPERATING != 0
         if self._acknowledge is not _NOT_OWED:
             self._acknowledge_task()
         course.watch_limits(commands & _SOFTWARE_LIMITS != 0 and self.home_set)
@@ -358,7 +356,7 @@ class BasicPositioner(Positioner):
 
     def _reason(self, commands: int) -> Reason | None:
         """Why nothing moves just now."""
-        reason = self.course.held or (None if commands & _DO_NOT_REJECT else _REJECTED) or self.course.warning
+        reason = self._course.held or (None if commands & _DO_NOT_REJECT else _REJECTED) or self._course.warning
         jog = commands & _JOGS and not commands & _JOG_INCREMENTAL
         if jog and self.state is _IDLE and reason is None and not self._jog_asked():
             return Reason.LOST_JOG
@@ -422,7 +420,7 @@ class BasicPositioner(Positioner):
                 refusal = Reason.TASK_DIRECTION if direction is _SHORTEST else None
             elif commands & DIRECTIONS == DIRECTIONS and self.choices.modulo and absolute:
                 refusal = Reason.TASK_DIRECTION
-            elif not self.course.in_range(target, absolute, direction):
+            elif not self._course.in_range(target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
         how, ramps = commands & (_ABSOLUTE | DIRECTIONS), (request.acceleration, request.deceleration)
         return _Task(event, refusal, request.number, how, target, velocity, *ramps, direction)
@@ -450,13 +448,13 @@ class BasicPositioner(Positioner):
     def _finished(self) -> bool:
         if self.state is _MDI and self.request.commands & _UPDATES == _UPDATES:
             return False
-        return self.course.arrived() or (self.course.goal is None and self.seen.bits & _STANDSTILL != 0)
+        return self._course.arrived() or (self._course.goal is None and self.seen.bits & _STANDSTILL != 0)
 
     # -- functions ------------------------------------------------------------------------------------------------------
 
     def _clear(self) -> None:
         """Operation begins, or a reject without a function. An edge that started nothing stays named until operation."""
-        if self.state is _OFF or self.course.warning not in HELD:
+        if self.state is _OFF or self._course.warning not in HELD:
             self.warn(None)
 
     def _forget(self) -> None:
@@ -510,20 +508,20 @@ class BasicPositioner(Positioner):
 
     def _update(self) -> None:
         task = self._task = self._captured()
-        refusal = self.course.warning = task.refusal
+        refusal = self._course.warning = task.refusal
         if refusal is None:
             self._pursue(task)
         else:
-            self.course.drop_goal()
+            self._course.drop_goal()
 
     def _pursue(self, task: _Task) -> None:
         velocity, acceleration, deceleration = task.velocity, task.acceleration, task.deceleration
         if task.event is _SETTING_UP_TASK:
-            self.course.go(velocity if task.direction is _POSITIVE else -velocity, acceleration, deceleration)
+            self._course.go(velocity if task.direction is _POSITIVE else -velocity, acceleration, deceleration)
         else:
             torque = self.choices.clamping_torque if self.request.to_fixed_stop else None
             absolute = task.how & _ABSOLUTE != 0
-            self.course.go_to(task.target, absolute, velocity, acceleration, deceleration, torque, task.direction)
+            self._course.go_to(task.target, absolute, velocity, acceleration, deceleration, torque, task.direction)
 
     def _start_jog(self) -> None:
         self._begin()
@@ -533,9 +531,9 @@ class BasicPositioner(Positioner):
         if self.request.commands & _JOG_INCREMENTAL:
             self._armed &= ~self._jog
             distance = self.choices.jog_distances[place]
-            self.course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
+            self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
         else:
-            self.course.go(velocity, FULL, FULL, scaled=False)
+            self._course.go(velocity, FULL, FULL, scaled=False)
 
     # -- homing and the reference point ---------------------------------------------------------------------------------
 
@@ -544,11 +542,11 @@ class BasicPositioner(Positioner):
         self._begin()
         self.forget_home()
         self._homing_until = self._now + SHOWN_NS
-        self.course.home()
+        self._course.home()
 
     def _homed(self) -> None:
         """The drive's position now counts from the home position, which is the reference coordinate."""
-        self.course.offset = self._reference_coordinate()
+        self._course.offset = self._reference_coordinate()
         self.home_set = True
 
     def _set_reference_point(self) -> None:
@@ -562,7 +560,7 @@ class BasicPositioner(Positioner):
         return self.choices.reference_coordinate if request is None else request
 
     def _refer(self, position: int) -> None:
-        self.course.refer(self._reference_coordinate(), position)
+        self._course.refer(self._reference_coordinate(), position)
         self.home_set = True
         self._homing_until = self._now + SHOWN_NS
 
@@ -585,12 +583,12 @@ class BasicPositioner(Positioner):
     @property
     def position(self) -> int:
         """Actual position in the user's coordinates."""
-        position, modulo = self.seen.position + self.course.offset, self.choices.modulo
+        position, modulo = self.seen.position + self._course.offset, self.choices.modulo
         return position % modulo if modulo else position
 
     def words(self, speed: int, *, reached: bool) -> tuple[int, int]:
         """POS_ZSW1 and POS_ZSW2. ``speed``: its sign is the direction of an axis that moves."""
-        state, seen, course, block = self.state, self.seen.bits, self.course, self._chain.block
+        state, seen, course, block = self.state, self.seen.bits, self._course, self._chain.block
         first = _FUNCTION_BITS[self._mode()] | _RUNNING_BITS.get(state, 0)
         if block is not None:
             first |= block.number
@@ -642,7 +640,7 @@ class BasicPositioner(Positioner):
 
     def _acknowledge_task(self) -> None:
         """Show the acknowledgement of a task. The drive acknowledges position tasks, the gateway all others."""
-        task, course, block = self._task, self.course, self._chain.block
+        task, course, block = self._task, self._course, self._chain.block
         if not self.request.commands & ACTIVATE:
             self._acknowledge = _NOT_OWED
         elif task is not None:

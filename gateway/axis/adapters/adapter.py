@@ -79,20 +79,27 @@ class SignalAdapter:
 class Adapter(SignalAdapter):
     """One telegram of one axis: ``read`` its setpoints into the demand, ``write`` the report into its actual values."""
 
-    def __init__(self, telegram: Telegram) -> None:
+    def __init__(self, telegram: Telegram, demand: Demand) -> None:
         super().__init__(telegram)
+        self.demand = demand
         self.sensors = tuple(
             (self.setpoint(f"{name}_STW"), self.actual(f"{name}_ZSW", f"{name}_XIST1", f"{name}_XIST2"))
             for name in ("G1", "G2")
         )
-        """Places of the words of the sensors, which ``SensorWords`` read and write."""
+        """Places of the words of the sensors, which ``SensorWords`` read and write,"""
+        self.message, self.load, self.codes = (
+            self.actual("MELDW"),
+            self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR"),
+            self.actual("FAULT_CODE", "WARN_CODE"),
+        )
+        """and of those that ``DriveWords`` write."""
 
-    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+    def read(self, setpoints: Sequence[int] | None) -> None:
         """Raw setpoints in telegram order, None without a valid PLC."""
         raise NotImplementedError
 
-    def write(self, report: Report, actuals: list[int]) -> None:
-        """Write raw actual values in telegram order. Words without a value in the report do not change."""
+    def write(self, flags: int, report: Report, actuals: list[int]) -> None:
+        """Write raw actual values in telegram order: all ``flags``, and values of the report. Other words do not change."""
         raise NotImplementedError
 
 
@@ -120,8 +127,8 @@ class ControlWordAdapter(Adapter):
     IGNORED: ClassVar[int] = 0
     """Bits of STW1 without an effect."""
 
-    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram)
+    def __init__(self, telegram: Telegram, settings: AxisSettings, demand: Demand) -> None:
+        super().__init__(telegram, demand)
         self._uncontrolled = _UNCONTROLLED[settings.control_lost]
         self.stw1 = self.setpoint("STW1")
         self.zsw1 = self.actual("ZSW1")
@@ -131,15 +138,14 @@ class ControlWordAdapter(Adapter):
         self._armed = False
         """STW1.7 was 0 since the PLC has control in this connection: an acknowledge is an edge."""
 
-    def take(self, word: int | None, demand: Demand) -> bool:
+    def take(self, word: int | None) -> bool:
         """Evaluate the bits of STW1 that all telegrams share; None without a PLC. False: the other bits do not count."""
-        self.word = word
+        self.word, demand = word, self.demand
         # OFF2 has priority over OFF3, and both are shown.
         self._visible = ~0 if word is None or word & _NO_QUICK_STOP else ~Flag.NO_QUICK_STOP
         if word is None:
             demand.connected = self._armed = False
             demand.in_control = True
-            demand.device_bits = 0
             return False
         if not word & _CONTROL_BY_PLC:
             demand.in_control = demand.acknowledge = self._armed = False

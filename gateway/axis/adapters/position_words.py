@@ -8,7 +8,7 @@ from operator import itemgetter
 from typing import ClassVar
 
 from pdgw.gateway.axis.adapters.adapter import Adapter, ControlWordAdapter
-from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
+from pdgw.gateway.axis.demand_report import MotionDemand, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.requests import (
@@ -45,7 +45,6 @@ _MDI_SELECTED = Command.MDI
 
 _TO_FIXED_STOP_SHOWN = signal("POS_ZSW2").bit("TO_FIXED_STOP").mask
 _MDI_MODES = signal("POS_ZSW1").word("MDI_ACTIVE", "SETTING_UP")
-_FAULT = _ZSW1.bit("FAULT").mask
 _POS_ZSW = sum(bit.mask for bit in signal("POS_ZSW").bits)
 """POS_ZSW is the low byte of POS_ZSW2 (a test)."""
 _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
@@ -62,7 +61,8 @@ class PositionerAdapter(ControlWordAdapter):
     """Commands that stay without control."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings)
+        self._asked = MotionDemand()
+        super().__init__(telegram, settings, self._asked)
         self._last: Sequence[int] | None = None
         """The setpoints that are in the request; None without control."""
         words = [item for item in telegram.setpoints.signals if item.name in _CONTROL_WORDS]
@@ -76,10 +76,10 @@ class PositionerAdapter(ControlWordAdapter):
         self._always = 0 if watched else _LIMITS
         """Limits have no bit in telegrams 7, 9 and 110: they are watched as soon as they are known."""
 
-    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
-        word = None if setpoints is None else setpoints[self.stw1]
+    def read(self, setpoints: Sequence[int] | None) -> None:
+        word, demand = None if setpoints is None else setpoints[self.stw1], self._asked
         if word != self.word:
-            self.take(word, demand)
+            self.take(word)
         request, last = demand.motion, self._last
         if setpoints is None or not demand.in_control:
             if last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
@@ -116,7 +116,6 @@ class _MdiValues:
         self._override = adapter.setpoint("OVERRIDE")
         self._first = adapter.setpoint(*self.NAMES)
         self._zsw2 = adapter.actual("ZSW2")
-        self._message = adapter.actual("MELDW")
         self._position = adapter.actual(self.POSITION)
 
     def read(self, setpoints: Sequence[int], commands: int, block: int) -> PositionerRequest:
@@ -136,7 +135,6 @@ class _MdiValues:
     def write(self, report: Report, actuals: list[int]) -> None:
         position = report.position
         actuals[self._position] = position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
-        actuals[self._message] = report.message
         if report.positioner[1] & _TO_FIXED_STOP_SHOWN:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
 
@@ -209,15 +207,14 @@ class BasicPositionerAdapter(PositionerAdapter):
         self._pos_zsw = self.actual("POS_ZSW")
         self._pos_zsw1 = self.actual("POS_ZSW1", "POS_ZSW2")
         self._speed = self.actual("NIST_B")
-        self._codes = self.actual("FAULT_CODE", "WARN_CODE")
 
     def requested(self, setpoints: Sequence[int], commands: int, number: int) -> PositionerRequest:
         if self._mdi is None:
             return PositionerRequest(commands, number)
         return self._mdi.read(setpoints, commands, number)
 
-    def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = self.status(report.flags) & _OWN
+    def write(self, flags: int, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = self.status(flags) & _OWN
         mdi, (first, second) = self._mdi, report.positioner
         if mdi is not None:
             mdi.write(report, actuals)
@@ -231,20 +228,12 @@ class BasicPositionerAdapter(PositionerAdapter):
             actuals[place], actuals[place + 1] = first, second
         if self._speed >= 0:
             actuals[self._speed] = report.speed
-        place = self._codes
-        if place >= 0:
-            actuals[place] = report.fault_code if report.flags & _FAULT else 0
-            actuals[place + 1] = report.warning_code
 
 
 # Telegram 9: positioning with MDI and homing.
 #
 # Source: docs/telegrams.md, docs/translation.md "Positioning, telegram 9 (MDI)". Left out: traversing blocks (telegram 7) and
 # jogging, which the drives do not have; STW2 is not evaluated.
-
-
-_ACTUAL_METHOD = signal("AKTSATZ").bit("HOMING_METHOD").mask
-_MDI_ACTIVE = signal("AKTSATZ").bit("MDI_ACTIVE").mask
 
 
 class PositioningAdapter(PositionerAdapter):
@@ -266,7 +255,7 @@ class PositioningAdapter(PositionerAdapter):
         ramps = (acceleration * N4_PER_N2, deceleration * N4_PER_N2)
         return PositionerRequest(commands, number, False, FULL, target, velocity, *ramps)
 
-    def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = self.status(report.flags)
-        actuals[self._aktsatz] = report.homing_method & _ACTUAL_METHOD | (_MDI_ACTIVE if report.tasks_active else 0)
+    def write(self, flags: int, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = self.status(flags)
+        actuals[self._aktsatz] = report.active
         actuals[self._position] = report.position

@@ -1,4 +1,4 @@
-"""Telegrams 1-4, 20, 102 and 103: STW1, ZSW1 and a speed; MOMRED and MELDW where they have them.
+"""Telegrams 1-4, 20, 102 and 103: STW1, ZSW1 and a speed; MOMRED where they have it.
 
 Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2.
 """
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import ClassVar, Final
 
 from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
-from pdgw.gateway.axis.demand_report import Demand, Report, SpeedWish
+from pdgw.gateway.axis.demand_report import Report, SpeedDemand, SpeedWish
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.profidrive.datatypes import N4_PER_N2, DataType
 from pdgw.profidrive.signals import SignalQuantity, signal
@@ -31,22 +31,26 @@ class SpeedAdapter(ControlWordAdapter):
     IGNORED: ClassVar[int] = _STW1.bit("DEVICE_11").mask
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings)
+        self._asked = SpeedDemand()
+        super().__init__(telegram, settings, self._asked)
         setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints)
         actual, self._actual_factor = _speed_signal(telegram.actuals)
         self._setpoint, self._actual = self.setpoint(setpoint), self.actual(actual)
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
         self._jogs = self._profidrive and settings.jog_speeds_rpm is not None
 
-    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
-        word = None if setpoints is None else setpoints[self.stw1]
+    def read(self, setpoints: Sequence[int] | None) -> None:
+        word, demand = None if setpoints is None else setpoints[self.stw1], self._asked
         if word != self.word:
             self._evaluate(word, demand)
         if setpoints is not None and demand.in_control and demand.speed_wish is _FOLLOW_SPEED:
             demand.speed = setpoints[self._setpoint] * self._setpoint_factor
 
-    def _evaluate(self, word: int | None, demand: Demand) -> None:
-        if not self.take(word, demand) or word is None:
+    def _evaluate(self, word: int | None, demand: SpeedDemand) -> None:
+        controlled = self.take(word)
+        if word is None:
+            demand.device_bits = 0
+        if word is None or not controlled:
             return
         demand.device_bits = word & DEVICE_BITS
         if word & _FOLLOW == _FOLLOW:
@@ -58,37 +62,27 @@ class SpeedAdapter(ControlWordAdapter):
         else:
             demand.speed_wish = SpeedWish.FREEZE if self._profidrive else SpeedWish.HOLD
 
-    def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = self.status(report.flags)
+    def write(self, flags: int, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = self.status(flags)
         speed, factor = report.speed, self._actual_factor
         actuals[self._actual] = speed // factor if speed >= 0 else -(-speed // factor)
 
 
-class WideSpeedAdapter(SpeedAdapter):
-    """The longer telegrams: values of the motor (20), torque reduction and message word (102, 103)."""
+class TorqueAdapter(SpeedAdapter):
+    """Telegrams with a torque reduction."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self._load = self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR")
         self._torque = self.setpoint("MOMRED")
-        self._message = self.actual("MELDW")
 
-    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
-        super().read(setpoints, demand)
+    def read(self, setpoints: Sequence[int] | None) -> None:
+        super().read(setpoints)
+        demand = self._asked
         if setpoints is not None and demand.in_control and self._torque >= 0:
             demand.torque_reduction = setpoints[self._torque]
 
-    def write(self, report: Report, actuals: list[int]) -> None:
-        super().write(report, actuals)
-        first = self._load
-        if first >= 0:
-            actuals[first], actuals[first + 1], actuals[first + 2] = report.load
-            actuals[first + 3] = report.namur
-        if self._message >= 0:
-            actuals[self._message] = report.message
 
-
-class DscAdapter(WideSpeedAdapter):
+class DscAdapter(TorqueAdapter):
     """Telegrams 5, 6, 105 and 106: the speed is in force whatever STW1.4 to .6 are, unless .5 alone is 0 (freeze)."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
@@ -96,12 +90,12 @@ class DscAdapter(WideSpeedAdapter):
         self._xerr = self.setpoint("XERR")
         self._kpc = self.setpoint("KPC")
 
-    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
-        super().read(setpoints, demand)
+    def read(self, setpoints: Sequence[int] | None) -> None:
+        super().read(setpoints)
+        demand = self._asked
         if setpoints is not None and demand.in_control:
             demand.speed = setpoints[self._setpoint] * self._setpoint_factor
-            demand.xerr = setpoints[self._xerr]
-            demand.kpc = setpoints[self._kpc]
+            demand.position_error = setpoints[self._xerr], setpoints[self._kpc]
 
 
 def _speed_signal(half: TelegramHalf) -> tuple[str, int]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES, Adapter
-from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
+from pdgw.gateway.axis.demand_report import PowerWish, RawDemand, Report
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram
 
@@ -59,14 +59,16 @@ class TransparentAdapter(Adapter):
     """The Controlword is read for the interlock; everything else passes."""
 
     def __init__(self, telegram: Telegram) -> None:
-        super().__init__(telegram)
+        self._asked = RawDemand()
+        super().__init__(telegram, self._asked)
         self._controlword = self.setpoint(*telegram.setpoints.names[: len(SETPOINT_ATTRIBUTES)])
         self.actual(*telegram.actuals.names[: len(ACTUAL_ATTRIBUTES)])
         self._mode_display = self.actual("Modes of Operation Display")
         self._armed = False
         """Controlword bit 7 was 0 in this connection: an acknowledge is an edge."""
 
-    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+    def read(self, setpoints: Sequence[int] | None) -> None:
+        demand = self._asked
         if setpoints is None:
             demand.connected = self._armed = False
             return
@@ -78,7 +80,7 @@ class TransparentAdapter(Adapter):
         self._armed = self._armed or not acknowledge
         demand.raw = setpoints
 
-    def write(self, report: Report, actuals: list[int]) -> None:
+    def write(self, flags: int, report: Report, actuals: list[int]) -> None:
         actuals[:] = report.raw
         actuals[self._mode_display] &= _BYTE
 

@@ -10,13 +10,12 @@ from fractions import Fraction
 
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.gateway.axis.demand_report import Flag, SpeedWish
+from pdgw.gateway.axis.demand_report import Flag, Report, SpeedDemand, SpeedWish
 from pdgw.gateway.axis.executors.executor import AxisRecords, Executor, LimitWatch, demanded_speed, known
-from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc_setpoint import Dsc, DscChoices, DscForm, DscSettings, wrapped
-from pdgw.gateway.motion.requests import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
+from pdgw.gateway.motion.requests import TOLERANCE_PERCENT, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.datatypes import DataType, n4
@@ -34,12 +33,13 @@ class DscExecutor(Executor):
 
     def __init__(self, records: AxisRecords) -> None:
         super().__init__(records)
+        assert isinstance(records.demand, SpeedDemand), "the adapter of its telegrams has one"
+        self._asked = records.demand
         if self.settings.dsc is None:
             raise GatewayError('dsc is missing: a telegram with DSC needs dsc = "position" or "speed"')
         self.choices: DscChoices = self.settings.dsc
         self.dsc: Dsc | None = None
         self._actual: Normalisation | None = None
-        self._message: MessageWord | None = None
         self._torque = 0
         self._deceleration = 1
         """Velocity units by which a ramp slows down in one cycle."""
@@ -47,7 +47,8 @@ class DscExecutor(Executor):
         """Position units in one cycle at a velocity of one unit."""
         self._rest = 0
         self._velocity = 0
-        self._tolerance = 0
+        self._near = self._tolerance = 0
+        """Largest difference to the setpoint of an axis that has reached it, and to the drive's demand value within tolerance."""
         self._limit = LimitWatch()
         self._held = 0
         self._last_frame_ns = 0
@@ -77,29 +78,29 @@ class DscExecutor(Executor):
         )
         self.dsc = Dsc(settings)
         self._actual = n4(reference, _I32)
-        self._message = message_word(drive)
         self._torque = self.command.max_torque = drive.max_torque
         cycle = Fraction(cycle_ns, SECOND)
         self._deceleration = max(1, int(scaling.reference(Quantity.DECELERATION) / acceleration * cycle * velocity))
         self._way = (counts / velocity / SECONDS_PER_MINUTE * cycle).as_integer_ratio()
-        self._tolerance = int(reference * self.settings.standstill_window)
+        self._near = int(reference * self.settings.standstill_window)
+        self._tolerance = int(reference) * TOLERANCE_PERCENT // 100
 
     @property
     def limit_side(self) -> int:
         return self._held
 
-    def refuse(self) -> None:
+    def refuse(self) -> Report:
         self.outputs.warned = 0
         self._track_actual_position()
         self.command.controlword = self.interlock.controlword
-        self.report.speed = self.report.message = 0
+        return Report(self.interlock.reason)
 
-    def step(self) -> Reason | None:
-        interlock, dsc, actual, message = self.interlock, self.dsc, self._actual, self._message
+    def step(self) -> Report:
+        interlock, dsc, actual = self.interlock, self.dsc, self._actual
         reason, cell = interlock.reason, interlock.cell
-        if dsc is None or actual is None or message is None:
-            return reason
-        command, report, demand, feedback = self.command, self.report, self.demand, self.feedback
+        if dsc is None or actual is None:
+            return Report(reason)
+        command, demand, feedback = self.command, self._asked, self.feedback
         if cell.operating:
             reason = self._control(dsc)
             self._report_gain(dsc)
@@ -113,16 +114,15 @@ class DscExecutor(Executor):
             self._track_actual_position()
         command.controlword = interlock.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
-        report.speed = actual.to_wire(feedback.velocity_actual)
-        near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
-        shown = report.message = message_of(message, feedback, self.outputs)
-        report.flags = (Flag.REACHED if near and cell.operating and reason is None else 0) | (
-            Flag.WITHIN_TOLERANCE if shown & SPEED_WITHIN_TOLERANCE else 0
-        )
-        return reason
+        velocity, flags = feedback.velocity_actual, 0
+        if cell.operating and reason is None and abs(velocity - self._velocity) <= self._near:
+            flags = Flag.REACHED
+        if abs(velocity - feedback.velocity_demand) <= self._tolerance:
+            flags |= Flag.WITHIN_TOLERANCE
+        return Report(reason, flags, actual.to_wire(velocity))
 
     def _control(self, dsc: Dsc) -> Reason | None:
-        demand, position = self.demand, self.feedback.position_actual
+        demand, position = self._asked, self.feedback.position_actual
         # Without control the last words may stay; an earlier position error must not count as a present one.
         fresh = self.inputs.fresh and demand.connected and demand.in_control
         self._check_age(dsc, fresh=fresh)
@@ -135,7 +135,7 @@ class DscExecutor(Executor):
             self._freeze(dsc)
             return self._replaced
         self._replaced = None
-        result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=fresh)
+        result = dsc.step(demand.speed, *demand.position_error, position, fresh=fresh)
         command, self._velocity = self.command, result.velocity
         if self.choices.form is _BY_SPEED:
             command.target_velocity = result.velocity
@@ -174,11 +174,11 @@ class DscExecutor(Executor):
 
     def _held_at_limit(self) -> Reason | None:
         """An axis that was stopped at a limit of the drive does not move after the release until speed 0 and KPC 0."""
-        demand = self.demand
+        demand = self._asked
         way = self._velocity or self.command.target_position - self.feedback.position_actual
         if self._limit.step(way != 0, self):
             self._held = 1 if way > 0 else -1
-        elif not demand.kpc and not demand.speed:
+        elif not demand.position_error[1] and not demand.speed:
             self._held = 0
         if not self._held:
             return None

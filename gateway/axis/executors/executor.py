@@ -17,7 +17,6 @@ from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Inputs, Outputs, ProbeAnswer
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.normalisation import Normalisation
 
 OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF_STATUS)
@@ -31,20 +30,18 @@ class AxisRecords(NamedTuple):
     interlock: Interlock
     """Command in: ``action`` and ``controlword``, and the ``reason`` why they are not what the PLC asks."""
     demand: Demand
-    """Command in: what the PLC asks."""
+    """Command in: what the PLC asks, as the adapter of the telegram has it."""
     inputs: Inputs
     """Feedback in: values of the drive, the standstill and the time."""
-    report: Report
-    """Decision out: what the PLC gets. What the drive gets is ``outputs.command``."""
     outputs: Outputs
-    """Notes out: faults and warnings, SDO writes, the probe, the count of limited values."""
+    """Command and notes out: what the drive gets, faults and warnings, SDO writes, the probe, the count of limited values."""
 
 
 class Executor:
     """One kind of operation of one drive."""
 
     def __init__(self, records: AxisRecords) -> None:
-        self.settings, self.interlock, self.demand, self.inputs, self.report, self.outputs = records
+        self.settings, self.interlock, self.demand, self.inputs, self.outputs = records
         self.feedback: DriveFeedback = records.inputs.feedback
         self.command: DriveCommand = records.outputs.command
 
@@ -66,7 +63,7 @@ class Executor:
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""
 
-    def refuse(self) -> None:
+    def refuse(self) -> Report:
         """Without valid references nothing is converted; the drive gets the Controlword and nothing else."""
         raise NotImplementedError
 
@@ -76,12 +73,9 @@ class Executor:
     def probed(self, answer: ProbeAnswer) -> None:
         """Result of ``Outputs.probe``."""
 
-    def step(self) -> Reason | None:
-        """One cycle: the command with bits 0-3 and 7 of the Controlword as given, and the report.
-
-        Sets ``report.flags`` to the flags that only the executor knows. Returns the reason why it does not follow the request:
-        that of the interlock, or its own.
-        """
+    def step(self) -> Report:
+        """One cycle: the command with bits 0-3 and 7 of the Controlword as given. The reason in the report is that of the
+        interlock, or its own."""
         raise NotImplementedError
 
     def limited(self, conversion: Normalisation, wire: int) -> int:

@@ -10,6 +10,7 @@ from operator import attrgetter
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
+from pdgw.gateway.axis.demand_report import RawDemand, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords, Executor
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.reasons import Reason
@@ -21,10 +22,12 @@ _CONTROLWORD, _MODE, _FIRST_VALUE = 0, 1, 2
 
 
 class RawExecutor(Executor):
-    """``setpoints`` and ``actuals`` are attributes of the images in the order of ``Demand.raw`` and ``Report.raw``."""
+    """``setpoints`` and ``actuals`` are attributes of the images in the order of ``RawDemand.raw`` and ``Report.raw``."""
 
     def __init__(self, records: AxisRecords, setpoints: Sequence[str], actuals: Sequence[str]) -> None:
         super().__init__(records)
+        assert isinstance(records.demand, RawDemand), "the adapter of its telegram has one"
+        self._asked = records.demand
         self._setpoints = tuple(setpoints)
         self._limits: tuple[tuple[str, int, int], ...] = ()
         self._modes: dict[int, int] = {}
@@ -39,16 +42,19 @@ class RawExecutor(Executor):
         self._modes = {mode & _BYTE: mode for mode in drive.modes}
         self._last = ()
 
-    def refuse(self) -> None:
+    def refuse(self) -> Report:
         self.command.controlword = self.interlock.controlword
-        self.report.raw = self._read(self.feedback)
+        return self._report(self.interlock.reason)
 
-    def lost(self) -> None:
-        statusword, *rest = self.report.raw
-        self.report.raw = (statusword & ~STATE_BITS | STATUS_OF[State.FAULT], *rest)
+    def _report(self, reason: Reason | None) -> Report:
+        values = self._read(self.feedback)
+        if not self.inputs.drive_ok:
+            statusword, *rest = values
+            values = (statusword & ~STATE_BITS | STATUS_OF[State.FAULT], *rest)
+        return Report(reason, raw=values)
 
-    def step(self) -> Reason | None:
-        interlock, demand, command = self.interlock, self.demand, self.command
+    def step(self) -> Report:
+        interlock, demand, command = self.interlock, self._asked, self.command
         action, controlword, reason = interlock.action, interlock.controlword, interlock.reason
         raw = demand.raw
         if raw is not None:
@@ -64,8 +70,7 @@ class RawExecutor(Executor):
             command.target_velocity = command.target_torque = 0
             self._last = ()
         command.controlword = controlword
-        self.report.raw = self._read(self.feedback)
-        return Reason.MODE_VALUE if reason is None and self._mode_refused else reason
+        return self._report(Reason.MODE_VALUE if reason is None and self._mode_refused else reason)
 
     def _take(self, values: Sequence[int]) -> None:
         """Values and mode; those that stay the same are left alone."""

@@ -10,7 +10,7 @@ from typing import Final
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.axis.demand_report import Flag, SpeedWish
+from pdgw.gateway.axis.demand_report import Flag, Report, SpeedDemand, SpeedWish
 from pdgw.gateway.axis.executors.executor import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.values import Answer
@@ -40,6 +40,8 @@ class SpeedExecutor(Executor):
 
     def __init__(self, records: AxisRecords) -> None:
         super().__init__(records)
+        assert isinstance(records.demand, SpeedDemand), "the adapter of its telegrams has one"
+        self._asked = records.demand
         self._setpoint: Normalisation | None = None
         self._actual: Normalisation | None = None
         self._wire: int | None = None
@@ -87,13 +89,13 @@ class SpeedExecutor(Executor):
     def limit_side(self) -> int:
         return (self._stopped > 0) - (self._stopped < 0)
 
-    def refuse(self) -> None:
+    def refuse(self) -> Report:
         self.outputs.warned = 0
         self.command.controlword, self.command.target_velocity = self.interlock.controlword, 0
-        self.report.speed = 0
+        return Report(self.interlock.reason)
 
-    def step(self) -> Reason | None:
-        interlock, demand, feedback = self.interlock, self.demand, self.feedback
+    def step(self) -> Report:
+        interlock, demand, feedback, actual = self.interlock, self._asked, self.feedback, self._actual
         cell, controlword, reason = interlock.cell, interlock.controlword, interlock.reason
         if not cell.operating:
             # Also after Enable Operation, until the drive shows that it is in operation.
@@ -122,14 +124,11 @@ class SpeedExecutor(Executor):
         command = self.command
         command.controlword = controlword | demand.device_bits
         command.target_velocity = target
-        report = self.report
-        report.flags = _REACHED if self._reached(target, statusword, feedback.velocity_actual) else 0
+        flags = _REACHED if self._reached(target, statusword, feedback.velocity_actual) else 0
         # Without a demand value the difference would be large.
         if -self._tolerance <= feedback.velocity_actual - feedback.velocity_demand <= self._tolerance:
-            report.flags |= _WITHIN_TOLERANCE
-        if self._actual is not None:
-            report.speed = self._actual.to_wire(feedback.velocity_actual)
-        return reason
+            flags |= _WITHIN_TOLERANCE
+        return Report(reason, flags, 0 if actual is None else actual.to_wire(feedback.velocity_actual))
 
     def _replace_setpoint(self, wish: SpeedWish) -> Reason | None:
         """The target without the PLC's setpoint."""
@@ -157,7 +156,7 @@ class SpeedExecutor(Executor):
         answered = self._arrival.read(said, now)
         if not said or not (answered or near) or self.interlock.cell.action is not _ENABLE_OPERATION:
             return False
-        own = self._begun is not _FREEZE and not (self._limited and self.demand.speed_wish is _FOLLOW)
+        own = self._begun is not _FREEZE and not (self._limited and self._asked.speed_wish is _FOLLOW)
         return own and target == self._target
 
     def _held_at_limit(self, target: int) -> int:

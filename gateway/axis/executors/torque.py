@@ -1,50 +1,20 @@
-"""Speed with load values (telegram 20), and with a torque reduction (102, 103)."""
+"""Speed with a torque reduction (telegrams 102 and 103), and the words of a telegram that show the drive."""
 
 from __future__ import annotations
 
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
-from pdgw.gateway.axis.demand_report import STATE_MASK
+from pdgw.gateway.axis.demand_report import SHOWN_FAULT, STATE_MASK, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.values import Outputs
+from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.motion.requests import MessageWord, namur_word, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
-
-# Speed with load values of the motor: telegram 20.
-#
-# Source: docs/motion.md "Telegram 20". 6078h also gives the torque in 1/1000 of the rated value; a drive without it shows 0.
-
 
 _RATED = 1000
 _LOWEST, _HIGHEST = DataType.N2.integer_range
-
-
-class LoadExecutor(SpeedExecutor):
-    """The speed as ever."""
-
-    _full_power = 0
-    """Rated torque at the reference speed, in the units of torque x velocity."""
-
-    def set_drive(self, drive: DriveType, homing_method: int) -> None:
-        super().set_drive(drive, homing_method)
-        self._full_power = int(_RATED * drive.scaling.reference(Quantity.SPEED))
-
-    def refuse(self) -> None:
-        super().refuse()
-        self.report.load = (0, 0, 0)
-        self.report.namur = namur_word(self.outputs.drive_error)
-
-    def step(self) -> Reason | None:
-        feedback = self.feedback
-        torque = feedback.current_actual
-        current = _n2(torque, _RATED)
-        self.report.load = (current, current, _n2(torque * feedback.velocity_actual, self._full_power))
-        self.report.namur = namur_word(self.outputs.drive_error)
-        return super().step()
 
 
 def _n2(value: int, full: int) -> int:
@@ -54,9 +24,7 @@ def _n2(value: int, full: int) -> int:
     return max(_LOWEST, min(round_half_away(value * N2_100_PERCENT, full), _HIGHEST))
 
 
-# Profile velocity with a torque reduction and a message word: telegrams 102 and 103.
-#
-# Source: docs/motion.md "MELDW and MOMRED". 6072h is the limit the drive had at start without the reduction.
+# MELDW, source: docs/motion.md "MELDW and MOMRED".
 
 
 _ENABLED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
@@ -70,9 +38,41 @@ _MESSAGE_STATES = tuple(
 _TARGET_REACHED = StatusBit.TARGET_REACHED
 
 
-def message_word(drive: DriveType) -> MessageWord:
-    """MELDW of a drive, as far as it has the objects."""
-    return MessageWord(int(drive.scaling.reference(Quantity.SPEED)), torque=drive.has("current_actual"))
+class DriveWords:
+    """Words that show the drive: MELDW, the load values and MELD_NAMUR of telegram 20, FAULT_CODE and WARN_CODE.
+
+    Source: docs/motion.md "Telegram 20". 6078h also gives the torque in 1/1000 of the rated value; a drive without it shows 0.
+    """
+
+    def __init__(self, message: int, load: int, codes: int) -> None:
+        self._message, self._load, self._codes = message, load, codes
+        """Places of the words, -1 without them."""
+        self.any = max(message, load, codes) >= 0
+        self._reports: MessageWord | None = None
+        self._full_power = 0
+        """Rated torque at the reference speed, in the units of torque x velocity."""
+
+    def set_drive(self, drive: DriveType) -> None:
+        """Set the drive: MELDW as far as it has the objects."""
+        speed = drive.scaling.reference(Quantity.SPEED)
+        self._reports = MessageWord(int(speed), torque=drive.has("current_actual"))
+        self._full_power = int(_RATED * speed)
+
+    def step(self, flags: int, inputs: Inputs, outputs: Outputs, *, known: bool) -> None:
+        """One cycle. ``flags``: those of the axis, ``known``: the drive's units are."""
+        actuals, feedback, reports = outputs.actuals, inputs.feedback, self._reports
+        if self._message >= 0:
+            actuals[self._message] = message_of(reports, feedback, outputs) if known and reports is not None else 0
+        place = self._load
+        if place >= 0:
+            torque = feedback.current_actual if known else 0
+            actuals[place] = actuals[place + 1] = _n2(torque, _RATED)
+            actuals[place + 2] = _n2(torque * feedback.velocity_actual, self._full_power)
+            actuals[place + 3] = namur_word(outputs.drive_error)
+        place = self._codes
+        if place >= 0:
+            actuals[place] = inputs.fault_code if flags & SHOWN_FAULT else 0
+            actuals[place + 1] = inputs.warning_code
 
 
 def message_of(message: MessageWord, feedback: DriveFeedback, outputs: Outputs) -> int:
@@ -90,29 +90,23 @@ def message_of(message: MessageWord, feedback: DriveFeedback, outputs: Outputs) 
 
 
 class TorqueExecutor(SpeedExecutor):
-    """The speed as ever; the torque limit follows the reduction in every state, and is whole without a PLC."""
+    """Telegrams 102 and 103: a torque limit that follows the reduction in every state, and is whole without a PLC.
+
+    6072h is the limit the drive had at start without the reduction.
+    """
 
     def __init__(self, records: AxisRecords) -> None:
         super().__init__(records)
-        self._message: MessageWord | None = None
         self._base = 0
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         if drive.max_torque <= 0:
             raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which MOMRED reduces")
         super().set_drive(drive, homing_method)
-        self._message = message_word(drive)
         self._base = self.command.max_torque = drive.max_torque
 
-    def refuse(self) -> None:
-        super().refuse()
-        self.report.message = 0
-
-    def step(self) -> Reason | None:
-        demand = self.demand
+    def step(self) -> Report:
+        demand = self._asked
         reduction = demand.torque_reduction if demand.connected else 0
         self.command.max_torque = reduced_torque(self._base, reduction)
-        reason = super().step()
-        if self._message is not None:
-            self.report.message = message_of(self._message, self.feedback, self.outputs)
-        return reason
+        return super().step()

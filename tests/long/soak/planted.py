@@ -74,9 +74,9 @@ def _never_again(method: Any, self: Any) -> None:
     method(self)
 
 
-def _speed_doubled(method: Any, self: SpeedAdapter, setpoints: Any, demand: Any) -> None:
-    method(self, setpoints, demand)
-    demand.speed *= 2
+def _speed_doubled(method: Any, self: SpeedAdapter, setpoints: Any) -> None:
+    method(self, setpoints)
+    self._asked.speed *= 2
 
 
 def _stop_accepted(method: Any, *arguments: Any) -> Verdict:

@@ -20,9 +20,9 @@ from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.adapter import _UNCONTROLLED, Adapter, ControlWordAdapter
-from pdgw.gateway.axis.adapters.position_words import PositionerAdapter, PositioningAdapter
+from pdgw.gateway.axis.adapters.position_words import PositionerAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
-from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
+from pdgw.gateway.axis.demand_report import Demand, MotionDemand, PowerWish, SpeedDemand
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.executor import LimitWatch
 from pdgw.gateway.axis.executors.positions.homing import Homing
@@ -54,23 +54,6 @@ OF: Final[dict[type, dict[str, Any]]] = {
     PositionerAdapter: {"ASIDE": frozenset({"_last"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},
-    Report: {
-        "PASSING": frozenset(
-            {
-                "flags",
-                "fault_code",
-                "warning_code",
-                "length_speed",
-                "load",
-                "message",
-                "namur",
-                "position",
-                "speed",
-                "positioner",
-                "raw",
-            }
-        )
-    },
     LimitWatch: {"INSTANTS": {"_since": LIMIT_STANDING_NS}},
     DscExecutor: {"INSTANTS": {"_last_frame_ns": SECOND}},
     Homing: {"INSTANTS": lambda item: {"_started": item._latency}},
@@ -179,10 +162,12 @@ def kept(adapter: Adapter, demand: Demand) -> tuple[object, ...]:
         return ()
     if not isinstance(adapter, ControlWordAdapter):
         return (demand,)
-    found: tuple[object, ...] = (demand.acknowledge, demand.device_bits) if demand.connected else ()
+    found: tuple[object, ...] = ()
+    if demand.connected:
+        found = (demand.acknowledge, isinstance(demand, SpeedDemand) and demand.device_bits)
     holds = adapter._uncontrolled is _UNCONTROLLED[ControlLost.HOLD]
     if demand.connected and holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
         found = (demand,)
-    if isinstance(adapter, PositionerAdapter) and demand in found:
-        found = (*found, demand.motion)
-    return (*found, demand.motion.commands & adapter.KEPT) if isinstance(adapter, PositioningAdapter) else found
+    if isinstance(adapter, PositionerAdapter) and isinstance(demand, MotionDemand):
+        found = (*found, demand.motion.commands & adapter.KEPT)
+    return found

@@ -13,7 +13,7 @@ from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.durations import SECOND
-from pdgw.gateway.axis.demand_report import STATE_MASK
+from pdgw.gateway.axis.demand_report import STATE_MASK, MotionDemand, Report
 from pdgw.gateway.axis.executors.executor import OPERATION_ENABLED, AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.limits import Stall
@@ -52,6 +52,8 @@ class MotionExecutor(Executor):
 
     def __init__(self, records: AxisRecords, positioner: Positioner, base: int) -> None:
         super().__init__(records)
+        assert isinstance(records.demand, MotionDemand), "the adapter of its telegrams has one"
+        self._asked = records.demand
         self.positioner = positioner
         self._mode = ModeSwitch(self, base)
         self.homing = Homing(self, self._mode)
@@ -103,11 +105,12 @@ class MotionExecutor(Executor):
         """The drive has new coordinates."""
         self.positioner.forget_home()
 
-    def refuse(self) -> None:
+    def refuse(self) -> Report:
         self._stop()
         self._seen.bits = 0
         self.command.controlword = self.interlock.controlword
         self.positioner.step(NOTHING, self.inputs.now)
+        return Report(self.interlock.reason)
 
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)
@@ -155,7 +158,7 @@ class MotionExecutor(Executor):
         if statusword & StatusBit.INTERNAL_LIMIT:
             bits |= _INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
-        reason = positioner.step(self.demand.motion, inputs.now)
+        reason = positioner.step(self._asked.motion, inputs.now)
         self._blocked = False
         if operates:
             mode.asked = False

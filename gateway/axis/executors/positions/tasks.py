@@ -15,12 +15,11 @@ from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity, Scaling
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, StatusBit
-from pdgw.gateway.axis.demand_report import Flag
+from pdgw.gateway.axis.demand_report import Flag, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords, highest, known
 from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
 from pdgw.gateway.axis.executors.positions.limits import TorqueLimit, position_mode
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
-from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTask
@@ -28,7 +27,6 @@ from pdgw.gateway.motion.positioner import HELD, BasicPositioner
 from pdgw.gateway.motion.requests import (
     Command,
     HomingResult,
-    MessageWord,
     Motion,
     MotionKind,
     PositionerChoices,
@@ -74,7 +72,6 @@ class PositionerExecutor(MotionExecutor):
         self.choices: PositionerChoices = choices
         self._units: LengthUnits | None = None
         self._speed: Normalisation | None = None
-        self._message: MessageWord | None = None
         self._limits = (0, 0, 0)
         """Highest velocity (also of the axis, over which OVERRIDE must not go), acceleration, deceleration of the drive."""
         self._one_ramp = False
@@ -101,7 +98,6 @@ class PositionerExecutor(MotionExecutor):
         )
         reference = scaling.reference(Quantity.SPEED)
         self._speed = n4(reference, drive.limits("velocity_actual"))
-        self._message = message_word(drive)
         self._limits = (
             min(
                 highest(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", "target_velocity"),
@@ -159,11 +155,12 @@ class PositionerExecutor(MotionExecutor):
             self._ring.reset()
         super()._forget_home()
 
-    def refuse(self) -> None:
-        report = self.report
-        report.length_speed = report.message = 0
+    def refuse(self) -> Report:
         super().refuse()
-        self._report_position(0, reached=False)
+        positioner = self._basic
+        return Report(
+            self.interlock.reason, position=positioner.position, positioner=positioner.words(0, reached=False)
+        )
 
     def sdo_done(self, error: str | None) -> None:
         if not self._torque.answered(error):
@@ -186,10 +183,10 @@ class PositionerExecutor(MotionExecutor):
             commands = request.commands
             outputs.probe = ProbeWish((2 * (commands & _PROBE_2 != 0) + (commands & _PROBE_FALLING_EDGE != 0),))
 
-    def step(self) -> Reason | None:
-        units, speed, message, reason = self._units, self._speed, self._message, self.interlock.reason
-        if units is None or speed is None or message is None:
-            return reason
+    def step(self) -> Report:
+        units, conversion, reason = self._units, self._speed, self.interlock.reason
+        if units is None or conversion is None:
+            return Report(reason)
         positioner, feedback, outputs = self._basic, self.feedback, self.outputs
         course, before = positioner.course, positioner.course.warning
         why = self._cycle()
@@ -203,19 +200,14 @@ class PositionerExecutor(MotionExecutor):
         self._torque.follow(course.motion.torque if operating else None)
         if course.warning is not before:
             self._warn(course.warning)
-        report, reached = self.report, positioner.reached and (not self._continued or self.stopped)
-        self._report_position(speed.to_wire(feedback.velocity_actual), reached=reached)
-        report.length_speed = units.to_length_speed(feedback.velocity_actual)
-        report.flags = self._flags(reached=reached)
+        reached = positioner.reached and (not self._continued or self.stopped)
+        flags = self._flags(reached=reached)
         if self._stop_reached(request):
-            report.flags |= _REACHED
-        report.message = message_of(message, feedback, outputs)
-        return reason
-
-    def _report_position(self, speed: int, *, reached: bool) -> None:
-        report, positioner = self.report, self._basic
-        report.speed, report.position = speed, positioner.position
-        report.positioner = positioner.words(speed, reached=reached)
+            flags |= _REACHED
+        speed = conversion.to_wire(feedback.velocity_actual)
+        length_speed = units.to_length_speed(feedback.velocity_actual)
+        words = positioner.words(speed, reached=reached)
+        return Report(reason, flags, speed, positioner.position, length_speed, positioner=words)
 
     def _warn(self, warning: Reason | None) -> None:
         """Report another warning of the positioner once; it is shown while it is active. An edge that started nothing is none."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit
-from pdgw.gateway.axis.demand_report import Flag
+from pdgw.gateway.axis.demand_report import Flag, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords
 from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
 from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
@@ -20,12 +20,15 @@ from pdgw.gateway.motion.requests import Command, Goal, HomingResult, Motion, Mo
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.signals import signal
 
 _STANDING, _REACHED = Flag.STANDING, Flag.REACHED
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
 _ACTIVATE, _ABSOLUTE, _MDI_SELECTED = Command.ACTIVATE_TASK, Command.ABSOLUTE, Command.MDI
 _IDLE, _HOMING, _BRAKING = State.IDLE, State.HOMING, State.BRAKING
 _OPERATING, _STOPPED = Seen.OPERATING, Seen.STOPPED
+_ACTUAL_METHOD = signal("AKTSATZ").bit("HOMING_METHOD").mask
+_MDI_ACTIVE = signal("AKTSATZ").bit("MDI_ACTIVE").mask
 _ENABLED = (Action.ENABLE_OPERATION, Action.RAMP)
 
 
@@ -39,6 +42,8 @@ class PositioningExecutor(MotionExecutor):
         self._turn_bits = dict.fromkeys(Direction, 0)
         """Controlword bits for the direction of a turntable."""
         self._scaling: TaskScaling | None = None
+        self._active = False
+        """MDI was active in the last step without homing."""
         self._resumed_at = 0
         """Position of the axis at the end of an intermediate stop."""
 
@@ -55,18 +60,16 @@ class PositioningExecutor(MotionExecutor):
             window = int(drive.scaling.reference(Quantity.POSITION) * self.settings.standstill_window)
         self._mdi.set_drive(scaling.only_velocity, None if self._turntable else window)
 
-    def refuse(self) -> None:
-        super().refuse()
-        report = self.report
-        report.position = report.homing_method = 0
-        report.tasks_active = False
+    def refuse(self) -> Report:
+        self._active = False
+        return super().refuse()
 
-    def step(self) -> Reason | None:
+    def step(self) -> Report:
         scaling, reason = self._scaling, self.interlock.reason
         if scaling is None:
-            return reason
+            return Report(reason)
         self._cycle()
-        mdi, feedback, report = self._mdi, self.feedback, self.report
+        mdi = self._mdi
         request, homes = mdi.request, mdi.state is _HOMING
         flags = _STANDING if self.inputs.standstill else 0
         if self._seen.bits & _OPERATING:
@@ -83,11 +86,9 @@ class PositioningExecutor(MotionExecutor):
             if self._acknowledges and of_the_task:
                 flags |= _TASK_ACKNOWLEDGED
             selected = request.commands & _MDI_SELECTED != 0
-            report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and selected
-        report.flags = flags
-        report.homing_method = self.homing.method
-        report.position = scaling.position.to_wire(feedback.position_actual)
-        return reason
+            self._active = self.interlock.action in _ENABLED and self.demand.connected and selected
+        active = self.homing.method & _ACTUAL_METHOD | (_MDI_ACTIVE if self._active else 0)
+        return Report(reason, flags, position=scaling.position.to_wire(self.feedback.position_actual), active=active)
 
     # -- requests of the positioner --------------------------------------------------------------------------------------
 
