@@ -146,12 +146,14 @@ class EncoderMachine:
         inputs, outputs, adapter = self.inputs, self.outputs, self.adapter
         control, channel = self.control, self.channel
         now, ok, source = inputs.now, inputs.ok, inputs.source
-        if outputs.eventful:
-            outputs.forget()
+        outputs.events = None
         new_fault = False
         if inputs.news:
             self._process_news()
-            new_fault = any(record.number in _LATCHED and not record.is_warning for record in outputs.faults)
+            events = outputs.events
+            new_fault = events is not None and any(
+                record.number in _LATCHED and not record.is_warning for record in events.faults
+            )
         if self._refused is not None:
             outputs.fault(gateway_fault(FaultNumber.REFERENCE, str(self._refused), now))
             self._refused = None
@@ -175,7 +177,7 @@ class EncoderMachine:
         self._report_preset()
         outputs.good = ok
         if self._acknowledgement.step(control.acknowledged, ok, cause, now):
-            outputs.acknowledged = outputs.eventful = True
+            outputs.happened().acknowledged = True
             self._node.acknowledged()
         outputs.reason = self._reason(ok)
         if not self.in_error:

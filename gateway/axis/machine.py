@@ -181,8 +181,7 @@ class AxisMachine:
     def step(self) -> Outputs:
         """One cycle; the object returned is the same each time."""
         outputs = self.outputs
-        if outputs.eventful:
-            outputs.forget()
+        outputs.events = None
         if self.inputs.news:
             self._process_news()
         commanded = outputs.command.controlword
@@ -292,7 +291,7 @@ class AxisMachine:
         state = STATE_OF_STATUS[inputs.feedback.statusword & STATE_MASK]
         faulty = state in FAULTY or (self.units_contradicted and state in POWERED)
         if self.acknowledgement.step(demand.connected and demand.acknowledge, inputs.drive_ok, faulty, inputs.now):
-            outputs.acknowledged = outputs.eventful = True
+            outputs.happened().acknowledged = True
             outputs.no_drive_error()
             self._node.acknowledged()
             self.units_contradicted = False
@@ -432,14 +431,14 @@ class AxisMachine:
         self.usable = False
         if drive is None:
             return
-        self._node.faults, self._node.fault_of_emcy = drive.faults, drive.fault_of_code
+        self._node.set_drive(drive.faults, drive.fault_of_code)
         refusal = self.lacking(drive, homing_method)
         if refusal:
             self.outputs.found.append((FaultNumber.REFERENCE, refusal))
             return
         speed = drive.scaling.reference(Quantity.SPEED)
         self._window = max(1, int(speed * self.settings.standstill_window))
-        self._stop.reference = int(speed)
+        self._stop.set_drive(int(speed))
         self._check.set_drive(drive.scaling, self._window)
         self._words.set_drive(drive)
         sensor, span = self.sensor, drive.scaling.position_span

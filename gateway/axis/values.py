@@ -150,7 +150,7 @@ class PresetAnswer:
 
 @dataclass(frozen=True, slots=True)
 class FaultRead:
-    """Fault number of the manufacturer and 603Fh, requested by ``Outputs.read_fault``; 0 without the object."""
+    """Fault number of the manufacturer and 603Fh, requested by ``Events.read_fault``; 0 without the object."""
 
     number: int
     code: int
@@ -285,6 +285,22 @@ class Inputs:
     news: list[News] = field(default_factory=list)
 
 
+@dataclass(slots=True, eq=False)
+class Events:
+    """What happened in one step."""
+
+    faults: list[FaultRecord] = field(default_factory=list)
+    """New faults and warnings."""
+    log_lines: list[str] = field(default_factory=list)
+    """Lines for the log."""
+    acknowledged: bool = False
+    """The fault buffer moves on: the PLC acknowledged and the device has left its fault."""
+    emergency_over: bool = False
+    """The device has reported the end of its errors."""
+    read_fault: bool = False
+    """The fault number of the drive has to be read from it (``FaultRead``)."""
+
+
 class Outputs:
     """Results of a step. The object is the same for every step of an axis or encoder."""
 
@@ -303,22 +319,14 @@ class Outputs:
         """The active warnings of the gateway: bits of P953."""
         self.warned = 0
         """Those of the executor: a part of ``warning``."""
-        self.eventful = False
-        """The step has something in ``faults``, ``log_lines``, ``acknowledged``, ``emergency_over`` or ``read_fault``."""
-        self.faults: list[FaultRecord] = []
-        """New faults and warnings of this step."""
+        self.events: Events | None = None
+        """What happened in this step; None in most of them."""
         self.found: list[tuple[FaultNumber, str]] = []
-        """Faults and warnings of the gateway with their details, which the end of the step adds to ``faults``."""
+        """Faults and warnings of the gateway with their details, which the end of the step adds to its events."""
         self.motor_hot = self.stage_hot = False
         """The drive reported an overtemperature and has not left its fault since."""
         self.drive_error = 0
         """603Fh of the drive, or the error code of its last EMCY; 0: none."""
-        self.log_lines: list[str] = []
-        """Lines for the log from this step."""
-        self.acknowledged = False
-        """The fault buffer moves on: the PLC acknowledged and the device has left its fault."""
-        self.emergency_over = False
-        """The device has reported the end of its errors."""
         self.brake: Brake = Brake.NONE
         """Action beside the Controlword because the drive does not follow it."""
         self.known_off = True
@@ -330,15 +338,18 @@ class Outputs:
         """Presets for the encoders at G1 and G2; a new object for each."""
         self.probe: ProbeWish | None = None
         """Positions that the drive must latch; a new object for each request."""
-        self.read_fault = False
-        """The fault number of the drive has to be read from it (``FaultRead``)."""
         self.saturations = 0
         """Number of limited values."""
 
+    def happened(self) -> Events:
+        """The events of this step, to add one."""
+        if self.events is None:
+            self.events = Events()
+        return self.events
+
     def fault(self, record: FaultRecord) -> None:
         """A new fault or warning."""
-        self.faults.append(record)
-        self.eventful = True
+        self.happened().faults.append(record)
 
     def warn(self, number: FaultNumber, detail: str) -> None:
         """A warning of the executor is active from now on; it is reported when it begins."""
@@ -355,14 +366,3 @@ class Outputs:
         """The drive has left its fault, or says that it has none."""
         self.motor_hot = self.stage_hot = False
         self.drive_error = 0
-
-    def log(self, text: str) -> None:
-        """A line for the log."""
-        self.log_lines.append(text)
-        self.eventful = True
-
-    def forget(self) -> None:
-        """Clear the values that belong to one step only."""
-        self.faults.clear()
-        self.log_lines.clear()
-        self.acknowledged = self.emergency_over = self.read_fault = self.eventful = False

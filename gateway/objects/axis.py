@@ -161,10 +161,11 @@ class Axis(DriveObject):
             self.stops = False
         if self._probing or outputs.probe is not None:
             self._probing = self._probe.step(outputs.probe, now) or outputs.probe is not None
-        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._reported_reason:
+        events = outputs.events
+        if events is not None or outputs.writes is not None or outputs.reason is not self._reported_reason:
             self.stops = self.stops or outputs.reason not in (None, self._reported_reason)
             self._serve(outputs)
-            if outputs.read_fault:
+            if events is not None and events.read_fault:
                 drive.submit(self._read_fault)
         return outputs
 

@@ -18,6 +18,7 @@ from pdgw.ds301.communication import CONSUMER_HEARTBEAT, NMT, PRODUCER_HEARTBEAT
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.gateway.axis.values import (
+    Events,
     FaultRecord,
     News,
     NodeNotice,
@@ -234,8 +235,8 @@ class DriveObject(abc.ABC):
         if writes is not None and writes is not self._writes and self._future is None:
             self._writes = writes
             self._future = self.client.submit(lambda client: self._write_all(client, writes))
-        if outputs.eventful:
-            self._report(outputs)
+        if outputs.events is not None:
+            self._report(outputs.events)
         self._reported_reason = outputs.reason
         enable_status = self.enable_status
         shown = None if enable_status.broken is None else enable_status.broken.reason
@@ -246,14 +247,14 @@ class DriveObject(abc.ABC):
             self._shown_reason = shown
             log.info("%s: %s", self.label, enable_status.sentence, extra={"event": "reason", "do": self.do_id})
 
-    def _report(self, outputs: Outputs) -> None:
-        for record in outputs.faults:
+    def _report(self, events: Events) -> None:
+        for record in events.faults:
             self._record(record)
-        for text in outputs.log_lines:
+        for text in events.log_lines:
             log.info("%s: %s", self.label, text, extra={"event": "node", "do": self.do_id})
-        if outputs.acknowledged:
+        if events.acknowledged:
             self.fault_log.acknowledge()
-        if outputs.emergency_over:
+        if events.emergency_over:
             self.fault_log.emergency_over()
 
     def _happened(self, text: str, *, stops: bool = False) -> None:

@@ -134,7 +134,7 @@ class EncoderObject(DriveObject):
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
-        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._reported_reason:
+        if outputs.events is not None or outputs.writes is not None or outputs.reason is not self._reported_reason:
             self._serve(outputs)
         return outputs
 

@@ -122,7 +122,7 @@ _UNKNOWN: Final[tuple[Any, ...]] = (0, *([None] * len(GROUPS)))
 
 
 EVENTS: Final = ("acknowledged", "emergency_over", "faults", "log_lines", "read_fault")
-"""What a step reports only where ``Outputs.eventful`` is set."""
+"""What a step reports in ``Outputs.events``."""
 
 
 def _numbers(item: object) -> list[tuple[str, int]]:
@@ -140,9 +140,7 @@ def _given(item: object) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 _AXIS: Final = _given(Inputs(DriveFeedback()))
 _ENCODER: Final = _given(EncoderInputs(cast("EncoderInput", None)))
-_DECIDED: Final = tuple(
-    name for name, _ in _numbers(Outputs(0, None)) if name not in {*EVENTS, "eventful", "saturations"}
-)
+_DECIDED: Final = tuple(name for name, _ in _numbers(Outputs(0, None)) if name != "saturations")
 
 
 class StepRecord:
@@ -224,12 +222,12 @@ class StepRecord:
         values, last = self._read(), self._last
         events = b""
         if values == last:
-            if not outputs.eventful and not item.given:
+            if outputs.events is None and not item.given:
                 return _NOTHING
         else:
             self._last = values
         orders = values[-1]
-        if outputs.eventful or item.given or orders != self._orders:
+        if outputs.events is not None or item.given or orders != self._orders:
             events = self._events(orders)
         mask, parts = 0, [b""]
         setpoints = values[0]
@@ -256,8 +254,8 @@ class StepRecord:
         if item.given:
             document["given"] = [[kind, to_json(value)] for kind, value in item.given]
             item.given.clear()
-        if outputs.eventful:
-            document |= {name: to_json(value) for name in EVENTS if (value := getattr(outputs, name))}
+        if outputs.events is not None:
+            document |= {name: to_json(value) for name in EVENTS if (value := getattr(outputs.events, name))}
         if orders != self._orders:
             document["orders"] = to_json(orders)
             self._orders = orders

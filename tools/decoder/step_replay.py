@@ -228,10 +228,12 @@ class _Object:
                 yield name, recorded, now
         events = step.events
         orders = outputs.writes, outputs.probe, *outputs.presets
-        if not events and not outputs.eventful and orders == self._orders:
+        if not events and outputs.events is None and orders == self._orders:
             return
         before, self._orders = self._orders, orders
-        found = {name: getattr(outputs, name) for name in EVENTS} | {"orders": orders if orders != before else []}
+        found = {name: getattr(outputs.events, name, None) for name in EVENTS} | {
+            "orders": orders if orders != before else []
+        }
         for name, values in found.items():
             now = to_json(values) or []
             recorded = events.get(name, [])

@@ -97,16 +97,17 @@ class NodeWatch:
 
     def __init__(self, outputs: Outputs) -> None:
         self._outputs = outputs
-        self.faults: Mapping[int, DriveFault] = MappingProxyType({})
-        """The manufacturer's faults by number,"""
-        self.fault_of_emcy: Mapping[int, DriveFault] = MappingProxyType({})
-        """and by EMCY error code."""
+        self.set_drive(MappingProxyType({}), MappingProxyType({}))
         self._absent = False
         self._refusal = ""
         self._restart_asked = False
         self._emergencies: Repetitions[tuple[int, bool]] = Repetitions()
         self.last_emergency = -SAME_EVENT_NS
         """When the last EMCY with an error came."""
+
+    def set_drive(self, faults: Mapping[int, DriveFault], fault_of_emcy: Mapping[int, DriveFault]) -> None:
+        """Set the manufacturer's faults of the drive by number, and by EMCY error code."""
+        self.faults, self.fault_of_emcy = faults, fault_of_emcy
 
     def report_to(self, outputs: Outputs) -> None:
         """The outputs of another machine take over."""
@@ -152,7 +153,7 @@ class NodeWatch:
             self._log(notice.text)
 
     def _log(self, text: str) -> None:
-        self._outputs.log(f"node {text}")
+        self._outputs.happened().log_lines.append(f"node {text}")
 
     def _raise(self, number: FaultNumber, notice: NodeNotice) -> None:
         self._outputs.fault(gateway_fault(number, notice.text, notice.time_ns))
@@ -170,7 +171,7 @@ class NodeWatch:
         if code == 0:
             ended = [f"EMCY {kind[0]:04X}h: {_more(count)}" for kind, count in self._emergencies.clear()]
             self._outputs.no_drive_error()
-            self._outputs.emergency_over = self._outputs.eventful = True
+            self._outputs.happened().emergency_over = True
             self._log(notice.text + (f" ({', '.join(ended)})" if ended else ""))
             return
         self.last_emergency = now
@@ -269,7 +270,7 @@ class DriveWatch:
         if since and now - since >= EMERGENCY_PATIENCE_NS:
             self.fault_since = 0
             if node.last_emergency < since - EMERGENCY_PATIENCE_NS:
-                self._outputs.read_fault = self._outputs.eventful = True
+                self._outputs.happened().read_fault = True
 
     def fault_read(self, read: FaultRead, feedback: DriveFeedback, faults: Mapping[int, DriveFault], now: int) -> None:
         """The number and code that were read; ``faults``: the manufacturer's by number."""

@@ -48,8 +48,7 @@ class StopWatch:
         self._reaction = reaction_ns
         self._stop_time = stop_time_ns
         self._stopped_within = _longest_stop(reaction_ns, stop_time_ns)
-        self.reference = 0
-        """100 % speed in the drive's units."""
+        self.set_drive(0)
         self.brake: Brake = Brake.NONE
         self.began = -1
         """When the stop was commanded first, or the speed of a drive without power fell last; -1 while no stop is watched."""
@@ -62,6 +61,10 @@ class StopWatch:
         """When the NMT stop was sent; -1: the node has reported NMT Stopped. The next bring-up ends this state."""
         self._nmt_tried = False
         """An NMT stop was of no use: the drive was not off when it was there again."""
+
+    def set_drive(self, reference: int) -> None:
+        """Set 100 % speed in the drive's units."""
+        self.reference = reference
 
     def over(self) -> None:
         """The drive is off, or follows the PLC again."""

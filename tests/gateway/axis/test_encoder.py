@@ -268,10 +268,10 @@ def test_an_acknowledge_needs_a_0_since_the_plc_has_control(before: int | None) 
     bench.step()
     for word in (before, CONTROL | FAULT_ACKNOWLEDGE):
         assert bench.step(stw2=word)["ZSW2_ENC"] & 8
-        assert not bench.stepper.machine.outputs.acknowledged
+        assert not bench.stepper.machine.outputs.happened().acknowledged
     bench.step()
     bench.step(stw2=CONTROL | FAULT_ACKNOWLEDGE)
-    assert bench.stepper.machine.outputs.acknowledged
+    assert bench.stepper.machine.outputs.happened().acknowledged
 
 
 def test_fault_before_the_encoder_is_online_needs_no_acknowledge() -> None:

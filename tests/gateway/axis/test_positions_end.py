@@ -281,7 +281,9 @@ CYCLE_NS = 4_000_000
 
 
 def reports_missing_mode(hand: Hand) -> bool:
-    return any(fault.number == FaultNumber.MODE_NOT_CONFIRMED for fault in hand.stepper.machine.outputs.faults)
+    return any(
+        fault.number == FaultNumber.MODE_NOT_CONFIRMED for fault in hand.stepper.machine.outputs.happened().faults
+    )
 
 
 def test_an_abandoned_mode_request_does_not_count_for_the_next_one() -> None:

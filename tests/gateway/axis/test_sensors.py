@@ -269,7 +269,7 @@ def test_encoder_with_an_impossible_range_is_reported_without_a_position(place: 
     settings = AxisSettings(g1_is_encoder=True, second_sensor=SecondSensor.ENCODER)
     machine = AxisMachine(4, settings, DriveFeedback())
     machine.set_references(place, EncoderReferences((1 << 64) + 1, Fraction(1)))
-    (fault,) = machine.step().faults
+    (fault,) = machine.step().happened().faults
     assert fault.number == FaultNumber.REFERENCE
     assert f"G{place + 1}: total measuring range" in fault.text
     sensor = (machine.sensor, machine.second_sensor)[place]

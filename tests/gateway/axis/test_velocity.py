@@ -282,16 +282,16 @@ def test_an_acknowledge_needs_a_0_since_the_plc_has_control(without: int | None)
     acknowledged = []
     for word in (without, OFF | 0x80, OFF | 0x80):
         bench.step(word)
-        acknowledged.append(bench.stepper.machine.outputs.acknowledged)
+        acknowledged.append(bench.stepper.machine.outputs.happened().acknowledged)
     assert bench.drive.state is State.FAULT
     bench.drive.state = State.SWITCH_ON_DISABLED  # the fault is gone by itself
     for word in (OFF | 0x80, without, OFF | 0x80):
         bench.step(word)
-        acknowledged.append(bench.stepper.machine.outputs.acknowledged)
+        acknowledged.append(bench.stepper.machine.outputs.happened().acknowledged)
     assert not any(acknowledged)
     bench.step(OFF)
     bench.step(OFF | 0x80)
-    assert bench.stepper.machine.outputs.acknowledged
+    assert bench.stepper.machine.outputs.happened().acknowledged
 
 
 def test_a_standing_on_does_not_start_after_a_restart_of_the_drive() -> None:

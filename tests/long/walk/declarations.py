@@ -127,12 +127,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
                 "released",
                 "saturations",
                 "warning",
-                "eventful",
-                "acknowledged",
-                "emergency_over",
-                "read_fault",
-                "log_lines",
-                "faults",
+                "events",
                 "found",
             }
         ),

@@ -109,6 +109,9 @@ class Transducer:
             command.modes_of_operation,
             outputs.actuals[0],
             "" if outputs.reason is None else outputs.reason.name,
-            any(fault.number == FaultNumber.ENABLE_UNASKED for fault in outputs.faults),
+            any(
+                fault.number == FaultNumber.ENABLE_UNASKED
+                for fault in (outputs.events.faults if outputs.events is not None else ())
+            ),
             outputs.brake if self._guarding else Brake.NONE,
         )

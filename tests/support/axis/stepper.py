@@ -107,7 +107,7 @@ class Stepper(_Device):
             setattr(inputs.feedback, name, getattr(feedback, name))
         inputs.setpoints, inputs.drive_ok, inputs.now = setpoints, drive_ok, now
         outputs = self.machine.step()
-        self.events += outputs.faults
+        self.events += outputs.events.faults if outputs.events is not None else ()
         return tuple(outputs.actuals)
 
     @property
@@ -165,7 +165,7 @@ class EncoderStepper(_Device):
         inputs.source = source
         inputs.setpoints, inputs.ok, inputs.now = setpoints, ok, now
         outputs = self.machine.step()
-        self.events += outputs.faults
+        self.events += outputs.events.faults if outputs.events is not None else ()
         return tuple(outputs.actuals)
 
     @property
