@@ -168,16 +168,13 @@ class Daemon:
         network.leave_room(sdo_gap_ns(bus_load(frames, bitrate), bitrate), answer_ms * MS)
 
     def _find_sync(self) -> None:
-        self.sync_producers = self._sync_producers()
-
-    def _sync_producers(self) -> dict[str, SyncProducer]:
-        """SYNC producers by the name of their bus."""
+        """Find the SYNC producers by the name of their bus."""
         synced = {client.network.name for client in self.clients if client.settings.sync}
         synced |= {name for name, network in self.networks.items() if network.sync_required}
         cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
         for name in synced:
             self.networks[name].claim(SYNC, "SYNC (a node whose 1005h has bit 30, too)")
-        return {
+        self.sync_producers = {
             name: SyncProducer(
                 network, self.cycle_ns, [axis for axis in cyclic if axis.network is network], self.loop.now
             )

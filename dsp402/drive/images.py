@@ -88,6 +88,3 @@ class DriveFeedback:
 def attributes(image: object) -> tuple[str, ...]:
     """The value attributes of an image. Not from ``__slots__``, which a compiled class lacks."""
     return tuple(name for name in dir(image) if name.islower() and not name.startswith("_"))
-
-
-FEEDBACK_NAMES: Final = attributes(DriveFeedback())

@@ -194,7 +194,7 @@ def test_sync_is_withheld_from_a_drive_that_reacts_to_nothing_else(monkeypatch: 
 
 def test_jitter_and_dead_time_are_measured_and_shown() -> None:
     with operating(configuration(axis(1, telegram_number=105, more=MORE))) as (daemon, plc):
-        daemon.sync_producers = daemon._sync_producers()
+        daemon._find_sync()
         for late_us in (0, 300, 0, -200) * 20:
             plc.send()
             plc.loop.run_for(CYCLE_MS * MS + late_us * 1000)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import NmtState
 from pdgw.ds301.eds.writer import write_eds
-from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveCommand, attributes
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback, attributes
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, with_second_position
 from pdgw.dsp402.states import State, state_of
@@ -157,4 +157,4 @@ def test_images_hold_exactly_the_objects_of_the_layouts() -> None:
     feedback = {a for layout in LAYOUTS.values() for pdo in layout.tpdos for a in pdo.attributes}
     assert commands == set(attributes(DriveCommand()))
     last = with_second_position(LAYOUTS[Operation.VELOCITY_WITH_POSITION]).tpdos[-1]
-    assert feedback | set(last.attributes) == set(FEEDBACK_NAMES)
+    assert feedback | set(last.attributes) == set(attributes(DriveFeedback()))

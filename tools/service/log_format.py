@@ -8,6 +8,10 @@ import os
 import sys
 from datetime import datetime
 from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
 
 _FIELDS = ("event", "do", "bus", "fault")
 """Attributes of a record beside its text: kind of event, drive object, bus, fault number."""
@@ -37,6 +41,13 @@ class LogFormat(StrEnum):
     """Level prefixes when standard error is the journal, which adds the time; else text."""
     TEXT = "text"
     JSON = "json"
+
+
+LevelOption = Annotated[LogLevel, typer.Option(help="Log level.")]
+FileOption = Annotated[Path | None, typer.Option(help="Log file (default: standard error).")]
+FormatOption = Annotated[
+    LogFormat, typer.Option(help="Text with dates, JSON, or journal prefixes if standard error is the journal.")
+]
 
 
 class _Text(logging.Formatter):

@@ -32,10 +32,6 @@ _LINK_COUNTERS = (
 _DROPPED = tuple(verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACCEPTED)
 
 
-def _gauge(name: str, text: str, value: float) -> Metric:
-    return GaugeMetricFamily(name, text, value=value)
-
-
 class GatewayCollector(Collector):
     """Makes all metrics of a watch."""
 
@@ -45,16 +41,16 @@ class GatewayCollector(Collector):
     def collect(self) -> Iterator[Metric]:
         """For the registry."""
         document = self._watch.document
-        yield _gauge("pdgw_up", "1 if the gateway answers.", document is not None)
+        yield GaugeMetricFamily("pdgw_up", "1 if the gateway answers.", document is not None)
         if document is None:
             return
         build = GaugeMetricFamily("pdgw_build_info", "Version of the gateway.", labels=["version", "build"])
         build.add_metric([document["version"], document.get("build", "unknown").lower().replace(" ", "_")], 1)
         yield build
-        yield _gauge("pdgw_uptime_seconds", "Time since the gateway started.", document["uptime_s"])
-        yield _gauge("pdgw_simulated", "1 if at least one device is simulated.", document["simulated"])
+        yield GaugeMetricFamily("pdgw_uptime_seconds", "Time since the gateway started.", document["uptime_s"])
+        yield GaugeMetricFamily("pdgw_simulated", "1 if at least one device is simulated.", document["simulated"])
         cycle_s = document["plc"]["cycle_ms"] / MS_PER_SECOND
-        yield _gauge("pdgw_cycle_time_seconds", "Configured cycle time.", cycle_s)
+        yield GaugeMetricFamily("pdgw_cycle_time_seconds", "Configured cycle time.", cycle_s)
         yield from _plc(document)
         yield from _objects(document)
         yield from _acyclic(document)
@@ -89,7 +85,7 @@ class GatewayCollector(Collector):
 
 
 def _plc(document: Document) -> Iterator[Metric]:
-    yield _gauge("pdgw_plc_connected", "1 if the PLC is connected.", document["plc"]["connected"])
+    yield GaugeMetricFamily("pdgw_plc_connected", "1 if the PLC is connected.", document["plc"]["connected"])
     for name, metric, text in _LINK_COUNTERS:
         value = counter(document, "link", name)
         if value is not None:
@@ -102,10 +98,10 @@ def _plc(document: Document) -> Iterator[Metric]:
     yield dropped
     if document["plc"].get("age_limit_ms"):
         limit_s = document["plc"]["age_limit_ms"] / MS_PER_SECOND
-        yield _gauge(
+        yield GaugeMetricFamily(
             "pdgw_age_max_seconds", "Greatest age of a frame of the PLC that counted.", document["age_times"]["max_s"]
         )
-        yield _gauge("pdgw_age_limit_seconds", "Frames of the PLC that may be older do not count.", limit_s)
+        yield GaugeMetricFamily("pdgw_age_limit_seconds", "Frames of the PLC that may be older do not count.", limit_s)
     for name, text in (
         ("cycle", "Time from one step of the drive objects to the next."),
         ("response", "Time from a frame of the PLC to its answer."),

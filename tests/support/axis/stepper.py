@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback, attributes
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
 from pdgw.gateway.axis.demand_report import PowerWish
@@ -22,6 +22,8 @@ from tests.support.axis.positioner import CHOICES
 from tests.support.drives.drive_types import References, engel
 
 DSC = DscChoices(DscForm.SPEED, following_window=4096)
+
+_FEEDBACK = attributes(DriveFeedback())
 
 
 def wish_of(word: int) -> PowerWish:
@@ -103,7 +105,7 @@ class Stepper(_Device):
     ) -> Sequence[int]:
         inputs = self.machine.inputs
         inputs.fresh = fresh
-        for name in FEEDBACK_NAMES:
+        for name in _FEEDBACK:
             setattr(inputs.feedback, name, getattr(feedback, name))
         inputs.setpoints, inputs.drive_ok, inputs.now = setpoints, drive_ok, now
         outputs = self.machine.step()

@@ -17,7 +17,7 @@ import typer
 from pdgw.gateway.configuration.defaults import SIMULATED_ENCODER_TELEGRAM
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.options import only_with, telegrams_of_axes
-from pdgw.tools.service.log_format import LogFormat, LogLevel
+from pdgw.tools.service.log_format import FileOption, FormatOption, LevelOption, LogFormat, LogLevel
 
 if TYPE_CHECKING:
     from pdgw.explain import Problem
@@ -92,11 +92,9 @@ def run(
     web: Annotated[
         bool, typer.Option("--web", help="Serve the page as `pdgw web` does, in a process of its own.")
     ] = False,
-    log_level: Annotated[LogLevel, typer.Option(help="Log level.")] = LogLevel.INFO,
-    log_file: Annotated[Path | None, typer.Option(help="Log file (default: standard error).")] = None,
-    log_format: Annotated[
-        LogFormat, typer.Option(help="Text with dates, JSON, or journal prefixes if standard error is the journal.")
-    ] = LogFormat.AUTO,
+    log_level: LevelOption = LogLevel.INFO,
+    log_file: FileOption = None,
+    log_format: FormatOption = LogFormat.AUTO,
 ) -> None:
     """Run the gateway until SIGINT, SIGTERM or SIGQUIT; it stops and disables the drives before it ends.
 

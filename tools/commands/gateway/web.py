@@ -14,7 +14,7 @@ import typer
 
 from pdgw.extras import EXTRA_OF, missing
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.service.log_format import LogFormat, LogLevel
+from pdgw.tools.service.log_format import FileOption, FormatOption, LevelOption, LogFormat, LogLevel
 
 if TYPE_CHECKING:
     from pdgw.gateway.configuration.config import GatewayConfig
@@ -28,11 +28,9 @@ def web(
     listen: Annotated[
         str | None, typer.Option(help="ADDRESS:PORT of the page (default: listen of the table web).")
     ] = None,
-    log_level: Annotated[LogLevel, typer.Option(help="Log level.")] = LogLevel.INFO,
-    log_file: Annotated[Path | None, typer.Option(help="Log file (default: standard error).")] = None,
-    log_format: Annotated[
-        LogFormat, typer.Option(help="Text with dates, JSON, or journal prefixes if standard error is the journal.")
-    ] = LogFormat.AUTO,
+    log_level: LevelOption = LogLevel.INFO,
+    log_file: FileOption = None,
+    log_format: FormatOption = LogFormat.AUTO,
     attached: Annotated[bool, typer.Option("--attached", hidden=True, help="End when standard input closes.")] = False,
 ) -> None:
     """Serve the status of a running gateway to browsers, Prometheus and MQTT; read-only."""
