@@ -251,10 +251,9 @@ async def _gateway_error(_: Request, error: Exception) -> Response:
     return refusal(502, str(error), "gateway")
 
 
-def made_app(
-    watch: Watch, parameters: Parameters, capture: Capture, token: Token | None, places: Places
-) -> tuple[ASGIApp, Streams]:
-    """The application of one gateway, and its streams; while it lives, the gateway is watched."""
+def made_page(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None) -> PageServer:
+    """The server of the page with its limits, not started; while it runs, the gateway is watched."""
+    places = Places()
     interface = Interface(watch, parameters, capture, places)
     web = watch.config.web
 
@@ -273,7 +272,7 @@ def made_app(
         lifespan=watching,
     )
     guard = Guard(app, allowed_hosts(web), token, places, time.monotonic, secure=web.tls_cert is not None)
-    return guard, interface.streams
+    return made_server(guard, interface.streams, places, web)
 
 
 # ``pdgw web`` as a process: the server, the watch and, if configured, the MQTT publisher, until a signal ends it.
@@ -306,13 +305,6 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
         finally:
             if publisher is not None:
                 publisher.stop()
-
-
-def made_page(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None) -> PageServer:
-    """The server of the page with its limits, not started."""
-    places = Places()
-    app, streams = made_app(watch, parameters, capture, token, places)
-    return made_server(app, streams, places, watch.config.web)
 
 
 def page_address(port: socket.socket, *, tls: bool) -> str:
