@@ -30,9 +30,9 @@ from pdgw.dsp402.objects import (
     TARGET_POSITION,
     TARGET_TORQUE,
     TARGET_VELOCITY,
+    VL_ENTRIES,
     VL_TARGET_VELOCITY,
 )
-from pdgw.dsp402.optional_objects import VL_ENTRIES
 from pdgw.dsp402.pdo.layouts import LAYOUTS
 from pdgw.dsp402.units.mechanics import POSITION_OBJECTS, UnitKeys
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS, find_scaling

@@ -23,8 +23,7 @@ from pdgw.dsp402.identification.describe import (
     variable,
 )
 from pdgw.dsp402.identification.overlay import overlay, overlay_for
-from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
-from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS, FURTHER_OBJECTS, PDOS
 from pdgw.dsp402.units.mechanics import UnitKeys
 
 # Identify a drive by SDO uploads; nothing is written. Source: CiA 301 (SDO upload), CiA 402.

@@ -1,9 +1,8 @@
 """A world in virtual time: CAN buses, IP network, devices and a PLC around the gateway. One seed gives one run, bit for bit."""
 
 from pdgw.peers.world.can_bus import Member, SimulatedCan
-from pdgw.peers.world.channel import WorldChannel
 from pdgw.peers.world.udp import Conditions, SimulatedNetwork, SimulatedUdpPort
-from pdgw.peers.world.world import Gateway, Plc, World
+from pdgw.peers.world.world import Gateway, Plc, World, WorldChannel
 
 __all__ = [
     "Conditions",

@@ -24,10 +24,9 @@ from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.drive import touch_probe
 from pdgw.dsp402.identification.overlay import Address
 from pdgw.dsp402.modes import SUPPORTED_MODES, Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS, SI_UNIT_VELOCITY, SUPPORTED_DRIVE_MODES
+from pdgw.dsp402.objects import DRIVE_OBJECTS, FURTHER_OBJECTS, SI_UNIT_VELOCITY, SUPPORTED_DRIVE_MODES
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
-from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
 from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.peers import option_values
 from pdgw.peers.drive.model.probe import POSITIONS

@@ -13,8 +13,7 @@ from pdgw.ds301.communication import EMCY_COB_ID, SYNC_COB_ID, TIME_COB_ID, prof
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, is_communication_parameter, is_mapping_parameter
 from pdgw.dsp402.identification.overlay import all_families, entries_of, overlay, with_units
-from pdgw.dsp402.objects import DRIVE_PROFILE, known_objects
-from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
+from pdgw.dsp402.objects import DRIVE_PROFILE, FURTHER_OBJECTS, known_objects
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.kinds import DEVICES, ENCODER_PROFILE
 from pdgw.tools.decoder.frames.canopen.can_records import PdoLayout
