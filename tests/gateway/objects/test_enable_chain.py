@@ -256,7 +256,7 @@ def test_word_of_the_plc_that_keeps_an_axis_off_is_named(
         assert check_line(snapshot(daemon))[0] is health
 
 
-def test_device_that_is_refused_is_told_apart_from_an_absent_one() -> None:
+def test_a_refused_device_is_distinguished_from_an_absent_one() -> None:
     with in_operation() as (daemon, plc):
         drive_of(daemon).node.power_off()
         run_out(plc)
