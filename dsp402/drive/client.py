@@ -305,9 +305,9 @@ class DriveClient(NodeClient[DriveSettings]):
         mode = settings.initial_mode
         edges = drive.quirks.fault_reset_edges
         self.rpdos.fault_reset = FaultReset(edges) if edges > 1 else None
-        if (wanted := drive.mode_for(mode)) is not None:
-            self._mode.set(wanted, late=drive.quirks.mode_shown_in_operation_only)
-            if mode is Mode.VELOCITY and wanted == Mode.CYCLIC_VELOCITY:
+        if (code := drive.mode_for(mode)) is not None:
+            self._mode.set(code, late=drive.quirks.mode_shown_in_operation_only)
+            if mode is Mode.VELOCITY and code == Mode.CYCLIC_VELOCITY:
                 period_us = settings.cycle_ms * US_PER_MS
         if period_us and INTERPOLATION_TIME in self.sdo.dictionary:
             for step in interpolation_steps(period_us):
@@ -335,11 +335,11 @@ class DriveClient(NodeClient[DriveSettings]):
         if data is None:
             return
         value = int.from_bytes(data, "little")
-        wanted = value & ~_RELATIVE_TO | _TO_DEMAND
+        required = value & ~_RELATIVE_TO | _TO_DEMAND
         refusal = "" if data else "cannot be read now"
-        if data and value != wanted:
+        if data and value != required:
             try:
-                self.sdo.do(SdoStep(POSITIONING_OPTION, 0, CanType.U16, wanted, "positioning option code"))
+                self.sdo.do(SdoStep(POSITIONING_OPTION, 0, CanType.U16, required, "positioning option code"))
             except Dsp402Error as error:
                 refusal = f"= {value}: {error}"
         if refusal:
@@ -392,8 +392,8 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _configure_guarding(self, drive: DriveType) -> None:
         settings = self.settings
-        wanted = settings.guarding_of(drive, self.rpdos.control.pdo.communication_index)
-        guarding = guard(wanted, self.sdo.write_checked, self.sdo.read_number)
+        times = settings.guarding_of(drive, self.rpdos.control.pdo.communication_index)
+        guarding = guard(times, self.sdo.write_checked, self.sdo.read_number)
         if guarding.refusal and not settings.allow_unguarded:
             raise Dsp402Error(
                 "guarding of the gateway by the drive",

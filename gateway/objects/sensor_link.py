@@ -26,7 +26,7 @@ from pdgw.profidrive.measuring import SensorFormat
 
 _log = logging.getLogger("gateway")
 
-_LOOK_NS: Final = 20 * MS
+_POLL_NS: Final = 20 * MS
 _FUNCTION_BYTES = 2
 
 
@@ -56,13 +56,13 @@ class ProbeReader:
             if wish is not None or armed:
                 function = touch_probe.function(wish.edges, zero_pulse=wish.zero_pulse) if wish is not None else 0
                 self._job = self._drive.submit(lambda drive: _arm(drive, function))
-                self._due = now + _LOOK_NS
+                self._due = now + _POLL_NS
         elif wish is not None and not self._ended and now >= self._due:
-            self._due = now + _LOOK_NS
-            self._job = self._drive.submit(lambda drive: self._look(drive, wish))
+            self._due = now + _POLL_NS
+            self._job = self._drive.submit(lambda drive: self._poll(drive, wish))
         return self._job is not None
 
-    def _look(self, drive: DriveClient, wish: ProbeWish) -> None:
+    def _poll(self, drive: DriveClient, wish: ProbeWish) -> None:
         status = drive.sdo.read_number(touch_probe.STATUS)
         stored = [edge for edge in wish.edges if status & touch_probe.stored_bit(edge)]
         if stored:

@@ -1,6 +1,6 @@
 """The hub of a loopback bus: it forwards every frame of a member to all others, in the same order for all.
 
-A member sends ``JOIN`` to the hub's address and gets the port of its own socket. It connects to that and sends ``LOOK``;
+A member sends ``JOIN`` to the hub's address and gets the port of its own socket. It connects to that and sends ``PROBE``;
 from then on, a refused datagram means that the member has ended. Each other datagram is one can_frame. Members inside the
 hub's process are functions.
 """
@@ -24,7 +24,7 @@ log = logging.getLogger("peers")
 HOST = "127.0.0.1"
 JOIN, LEAVE = b"J", b"L"
 """First and last datagram of a member; all others are frames."""
-LOOK = b""
+PROBE = b""
 """Empty datagram: a hub ignores it; without a hub the system reports an error."""
 WELCOME = struct.Struct(">cH")
 """The answer to ``JOIN``: ``W`` and the port."""

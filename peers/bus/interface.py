@@ -19,7 +19,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus, constants
 
 from pdgw.ds301.bus.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, unpack_frame
-from pdgw.peers.bus.hub import JOIN, LEAVE, LOOK, WELCOME
+from pdgw.peers.bus.hub import JOIN, LEAVE, PROBE, WELCOME
 
 INTERFACE = "pdgw-bus"
 _ANSWER_S = 10.0
@@ -49,7 +49,7 @@ def _join(channel: str) -> socket.socket:
         if len(answer) != WELCOME.size:
             raise OSError("another program uses this port")
         sock.connect((address[0], WELCOME.unpack(answer)[1]))
-        sock.send(LOOK)
+        sock.send(PROBE)
     except OSError as error:
         sock.close()
         raise can.CanInitializationError(
@@ -78,10 +78,10 @@ class LoopbackBus(SocketcanBus):
             self.socket.setsockopt(socket.SOL_SOCKET, constants.SO_TIMESTAMPNS, 1)
         can.BusABC.__init__(self, channel=channel, can_filters=can_filters, **kwargs)
 
-    def look(self) -> None:
+    def probe_hub(self) -> None:
         """Send an empty datagram, so that reading fails if the hub has ended. Callable from any thread."""
         with contextlib.suppress(OSError):
-            self.socket.send(LOOK)
+            self.socket.send(PROBE)
 
     def shutdown(self) -> None:
         """Leave the bus."""

@@ -68,7 +68,7 @@ class SimulatedDriveNode(SimulatedNode):
         super().__init__(node_id, shape.objects(serial_number, pdos), self.model, send)
         self.boot_ns = shape.boot_ms * MS
         if shape.sdo_ms:
-            self.misbehave("slow-sdo", delay_ms=shape.sdo_ms)
+            self.start_fault("slow-sdo", delay_ms=shape.sdo_ms)
         self._ready = True
 
     def _object(self, index: int, subindex: int) -> int:
@@ -142,8 +142,8 @@ class SimulatedDriveNode(SimulatedNode):
 
     def on_nmt(self, state: NmtState) -> None:
         self._commands.clear()
-        goes_on = state is NmtState.PRE_OPERATIONAL and not self.model.stops_in_pre_operational
-        if state is not NmtState.OPERATIONAL and not goes_on:
+        operates = state is NmtState.PRE_OPERATIONAL and not self.model.stops_in_pre_operational
+        if state is not NmtState.OPERATIONAL and not operates:
             self.model.abort_connection()
 
     def on_consumer_expired(self, producer: int) -> None:

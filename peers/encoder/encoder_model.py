@@ -68,7 +68,7 @@ ObjectReader = Callable[[int, int], int]
 SPEED_WINDOW = 10 * MS
 """Nanoseconds over which the speed is measured."""
 _TENTH_OF_AN_HOUR = 360 * SECOND
-_LOOK_NS = MS
+_STEP_NS = MS
 """Interval of reading a sensor that may move."""
 
 
@@ -251,7 +251,7 @@ class EncoderModel:
         """Time of the next possible change of the image without an input; None while all sensors are at standstill."""
         if all(channel.at_standstill and isinstance(channel.motion, Standstill) for channel in self.channels.values()):
             return None
-        return self._power_on + self._time + _LOOK_NS
+        return self._power_on + self._time + _STEP_NS
 
     def _diagnose(self) -> None:
         """Commissioning diagnostics: check the sensor at standstill."""

@@ -1,7 +1,7 @@
 """Faults of simulated CANopen nodes, like those of real devices.
 
 A fault is a class. Its docstring describes the behaviour of the device, its fields are the parameters (default, limits,
-unit), its hooks act on one ``Device``. ``SimulatedNode.misbehave`` and ``behave`` switch faults by name at run time. The
+unit), its hooks act on one ``Device``. ``SimulatedNode.start_fault`` and ``end_fault`` switch faults by name at run time. The
 faults of any node are in ``faults``; a device profile adds its own.
 """
 

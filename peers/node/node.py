@@ -66,10 +66,10 @@ class SimulatedNode(Device):
 
     # -- misbehaviour -----------------------------------------------------------------------------------------------
 
-    def misbehave(self, name: str, /, **values: object) -> Misbehaviour:
+    def start_fault(self, name: str, /, **values: object) -> Misbehaviour:
         """Activate a fault of its catalogue; an active one is replaced. CanopenError for a wrong name or value."""
         fault = make(self.catalogue, name, values)
-        self.behave(name)
+        self.end_fault(name)
         fault.node = self
         self.misbehaviours[name] = fault
         self.touch()
@@ -77,7 +77,7 @@ class SimulatedNode(Device):
             fault.begin()
         return fault
 
-    def behave(self, name: str | None = None) -> None:
+    def end_fault(self, name: str | None = None) -> None:
         """End a fault, or all of them without a name; no error if it is not active."""
         for item in list(self.misbehaviours) if name is None else [name]:
             fault = self.misbehaviours.pop(item, None)

@@ -270,7 +270,7 @@ def add_device(simulation: Simulation, device: DeviceConfig, bus: can.BusABC | C
     serial = device.node_id if device.serial_number is None else device.serial_number
     simulation.add(device.type, bus, device.node_id, serial, **device.options)
     for fault in device.fault:
-        simulation.misbehave(device.node_id, fault.name, fault.values)
+        simulation.start_fault(device.node_id, fault.name, fault.values)
 
 
 def bus_file(bus: CanConfig, devices: Sequence[DeviceConfig]) -> str:

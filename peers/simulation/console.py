@@ -71,17 +71,17 @@ class Console:
             case ["fault", number] if _NUMBER.fullmatch(number):
                 if int(number) not in DRIVE_FAULTS:
                     raise CanopenError("fault number", int(number), f"one of {list(DRIVE_FAULTS)}")
-                simulation.misbehave(node, "drive-fault", {"number": int(number)})
+                simulation.start_fault(node, "drive-fault", {"number": int(number)})
                 return f"ok: fault {number}, {DRIVE_FAULTS[int(number)].name}"
             case ["fault", name, *pairs]:
-                fault = simulation.misbehave(node, name, dict(_pair(pair) for pair in pairs))
+                fault = simulation.start_fault(node, name, dict(_pair(pair) for pair in pairs))
                 chosen = "".join(f" {key}={value}" for key, value in fault.values.items())
                 return f"ok: {name}{chosen}"
             case ["clear"]:
-                simulation.behave(node)
+                simulation.end_fault(node)
                 return "ok"
             case ["clear", name]:
-                simulation.behave(node, name)
+                simulation.end_fault(node, name)
                 return "ok"
             case ["probe", "1" | "2" as probe, "on" | "off" as level]:
                 simulation.deflect(node, int(probe), level == "on")
@@ -192,7 +192,7 @@ def read_standard_input(console: Console, at_end: Callable[[], None] | None = No
 # Run simulated devices in the foreground: console, ports, signals.
 
 
-_LOOK_S = 0.2
+_PERIOD_S = 0.2
 
 
 def run(simulation: Simulation, control: ControlConfig, title: str, *, attached: bool = False) -> None:
@@ -216,9 +216,9 @@ def run(simulation: Simulation, control: ControlConfig, title: str, *, attached:
         # Sleep instead of waiting for the event: if another thread gets the signal, its handler would not run during the
         # wait.
         while not quit_.is_set():
-            if lost := simulation.look():
+            if lost := simulation.check_bus():
                 raise GatewayError(f"{title}: the bus is lost ({lost})")
-            time.sleep(_LOOK_S)
+            time.sleep(_PERIOD_S)
 
 
 def run_nodes(

@@ -176,10 +176,10 @@ class Simulation:
     def nodes(self) -> list[int]:
         return list(self._devices)
 
-    def look(self) -> str:
+    def check_bus(self) -> str:
         """Why the bus of a device is lost, if known; empty while all are available."""
         for bus in self._members:
-            bus.look()
+            bus.probe_hub()
         return next((device.lost for _, device in self._devices.values() if device.lost), "")
 
     @property
@@ -226,19 +226,19 @@ class Simulation:
             raise CanopenError("node", node_id, "a drive, with probes")
         device.set_probe(probe, on)
 
-    def misbehave(self, node_id: int, name: str, values: Mapping[str, object]) -> Misbehaviour:
+    def start_fault(self, node_id: int, name: str, values: Mapping[str, object]) -> Misbehaviour:
         """Activate a fault of the device's catalogue."""
         made: list[Misbehaviour] = []
-        self.device(node_id).do(lambda node: made.append(node.misbehave(name, **values)))
+        self.device(node_id).do(lambda node: made.append(node.start_fault(name, **values)))
         return made[0]
 
-    def behave(self, node_id: int, name: str | None = None) -> None:
+    def end_fault(self, node_id: int, name: str | None = None) -> None:
         """End a fault (all of them without a name). An inactive fault is ignored, an unknown one is an error."""
         device = self.device(node_id)
         known = device.node.catalogue
         if name is not None and name not in known:
             raise CanopenError("fault", name, f"one of {', '.join(known)}")
-        device.do(lambda node: node.behave(name))
+        device.do(lambda node: node.end_fault(name))
 
     def status(self, node_id: int) -> dict[str, object]:
         """One device as plain data."""

@@ -64,20 +64,20 @@ class Rig:
     def power_on(self, case: Case) -> None:
         """Power on the device with the faults that it has from power-on."""
         for name, values in case.beside.items():
-            self.misbehave(name, values)
+            self.start_fault(name, values)
         if case.activity is Activity.START:
-            self.misbehave(case.fault, case.values)
+            self.start_fault(case.fault, case.values)
         self.device.start()
 
-    def misbehave(self, name: str, values: dict[str, int]) -> None:
+    def start_fault(self, name: str, values: dict[str, int]) -> None:
         """Start a fault."""
-        self.device.do(lambda node: node.misbehave(name, **values))
+        self.device.do(lambda node: node.start_fault(name, **values))
 
-    def behave(self, *, restart: bool = False) -> None:
+    def end_fault(self, *, restart: bool = False) -> None:
         """End the faults, and restart a device that was rejected."""
 
         def mend(node: SimulatedNode) -> None:
-            node.behave()
+            node.end_fault()
             if restart:
                 node.restart()
 

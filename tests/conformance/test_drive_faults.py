@@ -124,7 +124,7 @@ def _check_operation(rig: DriveRig, case: Case) -> None:
 def _begin(rig: DriveRig, case: Case) -> None:
     word = rig.plc.endpoint.setpoints[0][rig.word]
     if case.activity is not Activity.START:
-        rig.misbehave(case.fault, case.values)
+        rig.start_fault(case.fault, case.values)
     if case.activity is Activity.STOPPING:
         rig.command(word & ~_NO_QUICK_STOP)
     if case.activity is Activity.HOMING:
@@ -150,14 +150,14 @@ def _check_continues(rig: DriveRig, case: Case, mark: int) -> None:
     assert case.numbers or not rig.numbers, f"unexpected fault numbers: {rig.numbers}"
     rig.off()
     rig.until(lambda: rig.standing() and rig.model.state not in POWERED, "OFF obeyed")
-    rig.behave()
+    rig.end_fault()
 
 
 def _check_standstill(rig: DriveRig) -> None:
     """The axis stays at standstill after the end of the fault too, until the PLC sends something else."""
     assert rig.standing(), "the axis moves again"
     assert rig.reason
-    rig.behave()
+    rig.end_fault()
     rig.cycles(QUIET_CYCLES)
     assert rig.standing(), "moves on by itself"
     rig.off()
@@ -166,7 +166,7 @@ def _check_standstill(rig: DriveRig) -> None:
 
 def _check_no_restart(rig: DriveRig, case: Case, starts: int) -> None:
     """End the fault, and restart the device if it was rejected. The ON that stays active must not start it."""
-    rig.behave(restart=case.reaction is Reaction.REFUSES)
+    rig.end_fault(restart=case.reaction is Reaction.REFUSES)
     rig.online()
     rig.cycles(QUIET_CYCLES)
     assert rig.starts == starts, "started by itself"
@@ -180,7 +180,7 @@ def test_faulty_axis_does_not_stop_another_one() -> None:
         rig.enable()
         rig.plc.exchange(0, 2, STW1=0x047F)
         rig.until(lambda: state_of(daemon.axes[1].drive.feedback.statusword) is State.OPERATION_ENABLED, "operation")
-        rig.misbehave("unknown-state", {})
+        rig.start_fault("unknown-state", {})
         rig.until(lambda: rig.plc.actuals[0] and rig.plc.actuals[0]["ZSW1"] & 0x4F == 0x08, "fault in ZSW1")
         rig.cycles(QUIET_CYCLES)
         assert rig.plc.actuals[1] is not None

@@ -182,7 +182,7 @@ def _begin(rig: EncoderRig, case: Case) -> None:
     rig.sent.clear()
     del rig.sight.shown[:-1]
     if case.activity is not Activity.START:
-        rig.misbehave(case.fault, case.values)
+        rig.start_fault(case.fault, case.values)
 
 
 def _check_never_good(rig: EncoderRig, case: Case) -> None:
@@ -191,7 +191,7 @@ def _check_never_good(rig: EncoderRig, case: Case) -> None:
     rig.check_reports(case)
     assert rig.sight.shown == ["IOPS BAD"]
     assert rig.reason
-    rig.behave(restart=True)
+    rig.end_fault(restart=True)
 
 
 def _check_continues(rig: EncoderRig, case: Case) -> None:
@@ -204,7 +204,7 @@ def _check_continues(rig: EncoderRig, case: Case) -> None:
         if case.fault in ENCODER_FAULTS:
             _acknowledge_in_vain(rig)
     _check_reports(rig, case)
-    rig.behave()
+    rig.end_fault()
     if case.reaction is Reaction.FAULT:
         _check_latch(rig, case)
     elif case.reaction is Reaction.WARNS:
@@ -226,7 +226,7 @@ def _check_invalid(rig: EncoderRig, case: Case) -> None:
         _acknowledge_in_vain(rig)
     _check_reports(rig, case)
     assert rig.reason
-    rig.behave()
+    rig.end_fault()
     rig.until(lambda: sight.good, "IOPS GOOD")
     mark = next(number for number, text in enumerate(sight.shown) if not text.startswith(_POSITION))
     assert not any(text.startswith(_POSITION) for text in sight.shown[mark:]), sight.shown
@@ -272,11 +272,11 @@ def test_drive_stays_in_operation_with_each_fault_of_its_encoder(case: Case) -> 
         mark = len(rig.states)
         del sight.shown[:-1]
         if case.reaction is Reaction.G1_ERROR:
-            rig.misbehave(case.fault, case.values)
+            rig.start_fault(case.fault, case.values)
         rig.until(lambda: sight.error, "error in G1_ZSW")
         rig.cycles(QUIET_CYCLES)
         rig.check_reports(case)
-        rig.behave(restart=case.reaction is Reaction.G1_MISSING)
+        rig.end_fault(restart=case.reaction is Reaction.G1_MISSING)
         rig.until(lambda: rig.encoder.good and not rig.encoder.machine.faulty, "encoder back")
         rig.cycles(QUIET_CYCLES)
         if case.reaction is Reaction.G1_ERROR:

@@ -315,10 +315,10 @@ def test_unreadable_values_are_a_loss(plant: Plant) -> None:
     """With two TPDOs most of telegram 100 is read by SDO: old values must not be shown as good."""
     drive = plant.power_on(misbehaves="two-pdos")
     client = plant.connected(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
-    drive.do(lambda node: node.misbehave("sdo-timeout"))
+    drive.do(lambda node: node.start_fault("sdo-timeout"))
     site.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
     assert any("lost: objects without PDO could not be read 3 times" in event.text for event in plant.events)
-    drive.do(lambda node: node.behave("sdo-timeout"))
+    drive.do(lambda node: node.end_fault("sdo-timeout"))
     plant.online(2)
 
 
@@ -393,7 +393,7 @@ def test_number_has_the_length_of_the_eds(plant: Plant, monkeypatch: pytest.Monk
 @pytest.mark.parametrize("pdos", [1, 4])
 def test_any_frame_under_the_identifiers_of_the_node_is_survived(plant: Plant, pdos: int) -> None:
     drive = plant.power_on()
-    drive.node.misbehave("two-pdos", pdos=pdos)
+    drive.node.start_fault("two-pdos", pdos=pdos)
     client = plant.connected(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=20)
     bus = site.other()
     random = Random(pdos)

@@ -81,7 +81,7 @@ START, ENABLED = 0x003F, 0x002F
 
 
 def test_a_set_point_starts_with_its_own_data_although_that_goes_by_sdo(two_pdos: TwoPdos) -> None:
-    two_pdos.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=20))
+    two_pdos.drive.do(lambda node: node.start_fault("slow-sdo", delay_ms=20))
     for acceleration in (100, 200, 300, 200):
         two_pdos.send(ENABLED)
         two_pdos.send(START, acceleration)
@@ -92,7 +92,7 @@ def test_a_set_point_starts_with_its_own_data_although_that_goes_by_sdo(two_pdos
 
 
 def test_delayed_setpoint_does_not_delay_stop_halt_and_acknowledge(two_pdos: TwoPdos) -> None:
-    two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
+    two_pdos.drive.do(lambda node: node.start_fault("sdo-timeout"))
     two_pdos.send(ENABLED)
     for word in (START, START | ControlBit.HALT, 0x003B, 0x003D, 0x00BF, 0x0010):
         two_pdos.send(word, 100)
@@ -115,7 +115,7 @@ def test_alternating_data_does_not_count_as_written(two_pdos: TwoPdos) -> None:
     """The old value comes back while another one is being written: the drive must have it again before the start."""
     two_pdos.send(ENABLED, 100)
     two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 100, "written")
-    two_pdos.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=50))
+    two_pdos.drive.do(lambda node: node.start_fault("slow-sdo", delay_ms=50))
     writing = observe(two_pdos.plant)
     two_pdos.send(ENABLED, 900)
     site.wait_for(lambda: writing, "900 being written")
@@ -141,11 +141,11 @@ def test_a_set_point_whose_data_is_refused_does_not_start_and_needs_a_new_edge(t
 
 
 def test_a_refused_set_point_may_be_given_again_with_the_same_data(two_pdos: TwoPdos) -> None:
-    two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
+    two_pdos.drive.do(lambda node: node.start_fault("sdo-timeout"))
     two_pdos.send(START, 100)
     two_pdos.until(lambda: two_pdos.client.rpdos.set_point_refused, "no answer")
     assert "6083h" in two_pdos.reported[0]
-    two_pdos.drive.do(lambda node: node.behave())
+    two_pdos.drive.do(lambda node: node.end_fault())
     two_pdos.send(ENABLED)
     two_pdos.send(START)
     two_pdos.until(lambda: two_pdos.accelerations == [100], "set-point")

@@ -193,7 +193,7 @@ def test_references_of_another_drive_are_not_used(plant: Plant) -> None:
     drive = plant.power_on()
     client = plant.connected()
     before = client.drive_type
-    drive.do(lambda node: node.misbehave("wrong-identity"))
+    drive.do(lambda node: node.start_fault("wrong-identity"))
     with pytest.raises(Dsp402Error, match="as at the first start"):
         site.result(client.submit(lambda client: client.learn()))
     assert client.drive_type is before
@@ -436,7 +436,7 @@ def test_sync_lets_the_tpdos_wait_for_the_cycle(plant: Plant) -> None:
 
 def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
     drive = plant.power_on()
-    drive.do(lambda node: node.misbehave("heartbeat-stops"))
+    drive.do(lambda node: node.start_fault("heartbeat-stops"))
     client = plant.connect()
     text = plant.refused()
     assert re.search("heartbeat of node 4: 'none'.* 1 s of NMT start", text)
@@ -456,12 +456,12 @@ def test_loss_of_the_heartbeat_is_reported_once(plant: Plant) -> None:
     drive = plant.power_on()
     plant.connected(heartbeat_ms=20, heartbeat_factor=5)
     starts = _starts(plant)
-    drive.do(lambda node: node.misbehave("heartbeat-stops"))
+    drive.do(lambda node: node.start_fault("heartbeat-stops"))
     site.wait_for(lambda: starts() >= 3, "brought up again and again", 60)
     assert [event.text for event in plant.events if "online" in event.text] == ["online: operational, configuration 1"]
     assert len([event for event in plant.events if event.text.startswith("lost")]) == 1
     assert len({event.text for event in plant.events if event.kind == "refused"}) == 1, "one text is one fault"
-    drive.do(lambda node: node.behave())
+    drive.do(lambda node: node.end_fault())
     plant.online(2)
 
 

@@ -189,7 +189,7 @@ def test_emcy_shows_the_error_register_of_a_device_without_sdo(plant: Plant) -> 
     encoder.start()
     client = plant.connect()
     plant.online()
-    encoder.do(lambda node: node.misbehave("sdo-timeout"))
+    encoder.do(lambda node: node.start_fault("sdo-timeout"))
     encoder.inject("input-voltage")
     site.wait_for(lambda: client.feedback.error_register == 0x05, "error register")
     encoder.clear()
@@ -198,22 +198,22 @@ def test_emcy_shows_the_error_register_of_a_device_without_sdo(plant: Plant) -> 
 
 def test_an_encoder_whose_position_cannot_be_read_by_sdo_any_more_is_lost(plant: Plant) -> None:
     encoder = plant.power_on(constant_speed(1.0))
-    encoder.do(lambda node: node.misbehave("two-pdos", pdos=0))
+    encoder.do(lambda node: node.start_fault("two-pdos", pdos=0))
     encoder.start()
     client = plant.connect()
     plant.online()
     assert client.refresh(site.now())
     first = client.position_time(1)
     site.wait_for(lambda: client.position_time(1) > first, "read again")
-    encoder.do(lambda node: node.misbehave("sdo-timeout"))
+    encoder.do(lambda node: node.start_fault("sdo-timeout"))
     site.wait_for(lambda: client.status is NodeStatus.LOST, "loss")
-    encoder.do(lambda node: node.behave("sdo-timeout"))
+    encoder.do(lambda node: node.end_fault("sdo-timeout"))
     plant.online(2)
 
 
 def test_a_position_by_sdo_is_overdue_while_the_task_is_busy_with_something_else(plant: Plant) -> None:
     encoder = plant.power_on()
-    encoder.do(lambda node: node.misbehave("two-pdos", pdos=0))
+    encoder.do(lambda node: node.start_fault("two-pdos", pdos=0))
     encoder.start()
     client = plant.connect()
     plant.online()
@@ -294,7 +294,7 @@ def test_data_sheet_of_another_device_is_named(tmp_path: Path) -> None:
 
 def _with(plant: Plant, fault: str, **values: int) -> None:
     encoder = plant.power_on(still(1.0))
-    encoder.node.misbehave(fault, **values)
+    encoder.node.start_fault(fault, **values)
     encoder.start()
 
 
@@ -349,7 +349,7 @@ def test_emcy_burst_is_passed_on_without_a_loss(plant: Plant) -> None:
     encoder.start()
     client = plant.connect()
     plant.online()
-    encoder.do(lambda node: node.misbehave("emcy-burst"))
+    encoder.do(lambda node: node.start_fault("emcy-burst"))
     site.wait_for(lambda: [event for event in plant.events if event.kind == "emcy"], "EMCY")
     assert site.result(client.submit(lambda encoder: encoder.sdo.read_number(0x6004))) == 4096
     assert client.generation == 1

@@ -162,8 +162,8 @@ def test_a_drive_that_follows_nmt_keeps_the_gateways_heartbeat_during_bring_up_a
     guard = GUARDS["heartbeat"]
     with running(configuration(axis(1, more=guard.more))) as daemon:
         drive, plc = _turning(daemon, guard)
-        drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
-        drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=400))
+        drive.do(lambda node: node.start_fault("turns-in-pre-operational"))
+        drive.do(lambda node: node.start_fault("slow-sdo", delay_ms=400))
         drive.do(lambda node: _ignore_commands(node, nmt=True))
         sent = _stop_commands(daemon, plc)
         with exchanging(plc):

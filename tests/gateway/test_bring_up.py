@@ -171,7 +171,7 @@ def test_late_answers_to_repeated_requests_are_not_a_second_device(delay_ms: int
     """The first requests are repeated after 50 ms."""
     with running(configuration(axis(1))) as daemon:
         client = daemon.axes[0].drive
-        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=delay_ms))
+        drive_of(daemon).do(lambda node: node.start_fault("slow-sdo", delay_ms=delay_ms))
         until(daemon, lambda: client.generation, "online", 120 * SECOND)
         assert FaultNumber.NODE_REFUSED not in {fault.number for fault in daemon.axes[0].faults}
 
@@ -302,7 +302,7 @@ def test_abort_names_node_object_and_text(index: int, subindex: int, data: bytes
 def test_missing_answer_names_node_and_object() -> None:
     with running(configuration(axis(1))) as daemon:
         online(daemon)
-        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=5000))
+        drive_of(daemon).do(lambda node: node.start_fault("slow-sdo", delay_ms=5000))
         assert _failure(daemon, 0x6080) == "node 1 object 6080h/0: No SDO response received"
 
 
@@ -320,8 +320,8 @@ def test_fault_without_emcy_is_reported_although_its_number_cannot_be_read(monke
         plc, drive = Plc(daemon, [1]), drive_of(daemon)
         plc.enable()
         monkeypatch.setattr(drive.node, "send_emcy", lambda *_: None)
-        drive.do(lambda node: node.misbehave("sdo-timeout"))
-        drive.do(lambda node: node.misbehave("drive-fault", number=10))
+        drive.do(lambda node: node.start_fault("sdo-timeout"))
+        drive.do(lambda node: node.start_fault("drive-fault", number=10))
         plc.until(lambda: plc.value("ZSW1") & 1 << 3, "fault in ZSW1")
         plc.until(lambda: daemon.axes[0].faults, "fault in P947")
         assert "shows a fault without an EMCY" in daemon.axes[0].faults[0].text
@@ -332,7 +332,7 @@ def test_drive_that_answers_late_is_lost_once() -> None:
     with running(configuration(axis(1))) as daemon:
         made = daemon.axes[0]
         until(daemon, lambda: made.drive.generation, "online")
-        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=700))
+        drive_of(daemon).do(lambda node: node.start_fault("slow-sdo", delay_ms=700))
         world_of(daemon).bus("world").join("another tool").send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
         until(daemon, lambda: made.drive.generation > 1, "online again", 300 * SECOND)
         assert [fault.number for fault in made.faults].count(FaultNumber.NODE_LOST) == 1
@@ -347,7 +347,7 @@ def test_quick_stop_that_is_rejected_by_sdo_names_its_object(caplog: pytest.LogC
 
     with running(configuration(axis(1))) as daemon:
         Plc(daemon, [1]).enable()
-        drive_of(daemon).do(lambda node: node.misbehave("turns-in-pre-operational"))
+        drive_of(daemon).do(lambda node: node.start_fault("turns-in-pre-operational"))
         drive_of(daemon).do(lambda node: setattr(node, "on_written", refuse))
         world_of(daemon).bus("world").join("another tool").send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
         until(daemon, lambda: "rejects Quick Stop by SDO" in caplog.text, "a rejection")

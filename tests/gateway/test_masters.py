@@ -222,7 +222,7 @@ def test_write_of_another_tool_stops_the_drive_while_an_answer_is_awaited() -> N
         plc, model, client = Plc(daemon, [1]), drive_of(daemon).model, daemon.axes[0].drive
         plc.enable()
         plc.turn(0x2000)
-        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=200))
+        drive_of(daemon).do(lambda node: node.start_fault("slow-sdo", delay_ms=200))
         client.submit(lambda node: node.sdo.read(0x6065))
         plc.exchange()
         world_of(daemon).bus(CHANNEL).join("another tool").send(SDO_REQUEST + 1, _download(0x607E, 0, b"\x40"))
@@ -282,7 +282,7 @@ def test_tool_that_only_reads_neither_keeps_a_drive_offline_nor_stops_it(two_pdo
 
     def before(daemon: Daemon) -> None:
         if two_pdos:
-            drive_of(daemon).do(lambda node: node.misbehave("two-pdos"))
+            drive_of(daemon).do(lambda node: node.start_fault("two-pdos"))
 
     with running(configuration(axis(1, telegram_number=100)), before) as daemon:
         plc, other, drive = Plc(daemon, [100]), world_of(daemon).bus(CHANNEL).join("another tool"), daemon.axes[0].drive

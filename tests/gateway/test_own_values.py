@@ -585,7 +585,7 @@ def test_a_drive_guarded_by_its_rpdo_has_no_fault_while_it_stores(site: Site) ->
         assert guarding.rpdos
         faults = len(axis_1.faults)
         plc.until(lambda: axis_1.drive.own_values, "own values")
-        drives[0].do(lambda node: node.misbehave("slow-sdo", delay_ms=250))
+        drives[0].do(lambda node: node.start_fault("slow-sdo", delay_ms=250))
         with exchanging(plc), client(daemon, record_server(daemon).address, 1) as parameters:
             assert not write(parameters, 971, word(1)).failed
         assert list(axis_1.faults)[faults:] == []

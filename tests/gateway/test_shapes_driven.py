@@ -229,7 +229,7 @@ def test_a_late_or_irregular_tpdo_does_not_count_as_a_missing_one(
         client = daemon.axes[0].drive
         online(daemon)
         name, values = fault
-        drive.do(lambda node: node.misbehave(name, **values))
+        drive.do(lambda node: node.start_fault(name, **values))
         plc = Plc(daemon, [1])
         for _ in range(20):
             plc.enable()
@@ -265,7 +265,7 @@ def test_no_speed_is_sent_before_the_drive_shows_its_mode_and_one_that_never_doe
         drive = _drive(daemon, "mode-late")
         client = daemon.axes[0].drive
         online(daemon)
-        drive.do(lambda node: node.misbehave("mode-display-stuck"))
+        drive.do(lambda node: node.start_fault("mode-display-stuck"))
         plc = Plc(daemon, [1])
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": QUARTER})

@@ -80,7 +80,7 @@ _DOWNLOAD = range(0x20, 0x40)
 def _turning(daemon: Daemon) -> tuple[Plc, SimulatedDrive]:
     """The drive at 3000 rpm; NMT pre-operational does not stop it."""
     drive = drive_of(daemon)
-    drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
+    drive.do(lambda node: node.start_fault("turns-in-pre-operational"))
     plc = Plc(daemon, [1])
     plc.enable()
     plc.turn(FULL_SPEED)
@@ -132,7 +132,7 @@ def test_a_lost_sdo_frame_delays_the_stop_by_a_tenth_of_the_time_for_an_answer(l
             fault.node = node
             node.misbehaviours[fault.name] = fault
 
-        drive.do(lambda node: node.misbehave("lost-pdos", every=1))
+        drive.do(lambda node: node.start_fault("lost-pdos", every=1))
         client = daemon.axes[0].drive
         with exchanging(plc):
             until(daemon, lambda: client.status.value != "online", "lost")
@@ -140,7 +140,7 @@ def test_a_lost_sdo_frame_delays_the_stop_by_a_tenth_of_the_time_for_an_answer(l
             until(daemon, lambda: fault._count, "the first SDO frame")
             limit = len(lost) * client.settings.sdo_timeout_ms * MS // 10 + 5 * MS
             until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop", limit)
-            drive.do(lambda node: node.behave())
+            drive.do(lambda node: node.end_fault())
             until(daemon, lambda: daemon.axes[0].good, "online again", 4 * SECOND)
         assert client.generation == 2, "a second answer to a repeated request has no effect"
 
@@ -151,7 +151,7 @@ def test_a_drive_that_answers_each_repeated_request_late_is_brought_up_at_once(
     caplog.set_level("INFO")
 
     def late(daemon: Daemon) -> None:
-        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=120))
+        drive_of(daemon).do(lambda node: node.start_fault("slow-sdo", delay_ms=120))
 
     with running(configuration(axis(1)), late) as daemon:
         until(daemon, lambda: daemon.axes[0].good, "online", 60 * SECOND)
@@ -163,7 +163,7 @@ def test_a_lost_drive_that_turns_on_in_pre_operational_is_stopped_before_it_is_c
     with running(configuration(axis(1))) as daemon:
         plc, drive = _turning(daemon)
         written = _written(daemon)
-        drive.do(lambda node: node.misbehave("lost-pdos", every=1))
+        drive.do(lambda node: node.start_fault("lost-pdos", every=1))
         if asked is not None:
             plc.endpoint.set(0, {"STW1": asked})
         with exchanging(plc):
@@ -173,7 +173,7 @@ def test_a_lost_drive_that_turns_on_in_pre_operational_is_stopped_before_it_is_c
             until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
             world_of(daemon).loop.run_for(4 * SECOND)
             assert [index for index, _ in written].count(0x6040) == 1, "a drive that is off gets no command"
-            drive.do(lambda node: node.behave())
+            drive.do(lambda node: node.end_fault())
             until(daemon, lambda: daemon.axes[0].good, "online again")
             world_of(daemon).loop.run_for(SECOND)
         assert drive.model.state is not State.OPERATION_ENABLED, "a standing ON restarts nothing"
@@ -186,7 +186,7 @@ def test_a_drive_that_was_left_switched_on_is_stopped_when_the_gateway_finds_it(
         drive = drive_of(daemon)
 
         def turn(node: SimulatedDriveNode) -> None:
-            node.misbehave("turns-in-pre-operational")
+            node.start_fault("turns-in-pre-operational")
             model = node.model
             last = Command.SWITCH_ON if left is State.SWITCHED_ON else Command.ENABLE_OPERATION
             for word in (Command.SHUTDOWN, last):
@@ -207,14 +207,14 @@ def test_a_drive_without_power_is_brought_up_with_no_controlword_by_sdo(shown: S
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])
         drive, written = drive_of(daemon), _written(daemon)
-        drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
+        drive.do(lambda node: node.start_fault("turns-in-pre-operational"))
         plc.endpoint.set(0, {"STW1": OFF if shown is State.READY_TO_SWITCH_ON else 0})
         plc.until(lambda: drive.model.state is shown, shown.value)
-        drive.do(lambda node: node.misbehave("lost-pdos", every=1))
+        drive.do(lambda node: node.start_fault("lost-pdos", every=1))
         with exchanging(plc):
             until(daemon, lambda: not daemon.axes[0].good, "lost")
             until(daemon, lambda: drive.model.state is shown, "as it was")
-            drive.do(lambda node: node.behave())
+            drive.do(lambda node: node.end_fault())
             until(daemon, lambda: daemon.axes[0].good, "online again")
         assert 0x6040 not in [index for index, _ in written]
 
@@ -229,13 +229,13 @@ def test_a_drive_that_refuses_its_stop_by_sdo_is_brought_up_and_stopped_by_its_r
 
         def lose(node: SimulatedDriveNode) -> None:
             node.on_written = refuse  # type: ignore[method-assign]
-            node.misbehave("lost-pdos", every=1)
+            node.start_fault("lost-pdos", every=1)
 
         drive.do(lose)
         client = daemon.axes[0].drive
         with exchanging(plc):
             until(daemon, lambda: client.status.value == "configuring", "brought up")
             assert drive.model.state is State.OPERATION_ENABLED
-            drive.do(lambda node: node.behave("lost-pdos"))
+            drive.do(lambda node: node.end_fault("lost-pdos"))
             until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
         assert client.generation == 2

@@ -157,14 +157,14 @@ def test_units_that_could_not_be_read_again_are_read_before_the_next_start() -> 
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": 0x0100})
         plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
-        drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=10))
+        drive.do(lambda node: node.start_fault("slow-sdo", delay_ms=10))
         drive.do(lambda node: node.values.__setitem__((0x60A9, 0), _OBJECTS[0x60A9, 0]))
         drive.do(lambda node: setattr(node, "rpm_per_unit", 1.0))
         plc.until(lambda: daemon.axes[0].faults, "the fault")
-        drive.do(lambda node: node.misbehave("sdo-timeout"))
+        drive.do(lambda node: node.start_fault("sdo-timeout"))
         for _ in range(2):
             _for_a_second(plc)
-        drive.do(lambda node: node.behave())
+        drive.do(lambda node: node.end_fault())
         for _ in range(2):
             _for_a_second(plc)
         for word in (ON | ACKNOWLEDGE, OFF):
@@ -206,7 +206,7 @@ def test_slow_sdo_answers_make_the_check_slower_and_not_blind(delay_ms: int) -> 
         online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
-        drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=delay_ms))
+        drive.do(lambda node: node.start_fault("slow-sdo", delay_ms=delay_ms))
         plc.endpoint.set(0, {"NSOLL_A": 0x0100})
         began = daemon.loop.now()
         plc.until(lambda: daemon.axes[0].faults, "the fault")
@@ -221,7 +221,7 @@ def test_slow_sdo_answers_are_not_contradictions(delay_ms: int) -> None:
         online(daemon)
         plc = Plc(daemon, [1])
         plc.enable()
-        drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=delay_ms))
+        drive.do(lambda node: node.start_fault("slow-sdo", delay_ms=delay_ms))
         plc.endpoint.set(0, {"NSOLL_A": 0x0100})
         for _ in range(5):
             _for_a_second(plc)

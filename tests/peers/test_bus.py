@@ -19,7 +19,7 @@ from pdgw.ds301.bus.can_frame import CAN_FRAME, EXTENDED, pack_frame, unpack_fra
 from pdgw.ds301.bus.port import open_bus
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, Hub, LoopbackBus, ServedBus
-from pdgw.peers.bus.hub import JOIN, LOOK, WELCOME
+from pdgw.peers.bus.hub import JOIN, PROBE, WELCOME
 from pdgw.peers.drive import SimulatedDrive
 from tests.support.buses import PATIENCE_S
 
@@ -131,7 +131,7 @@ class _Steps:
         answer = member.recv(64)
         before()
         member.connect((host, WELCOME.unpack(answer)[1]))
-        member.send(LOOK)
+        member.send(PROBE)
         self.serve()
         return member
 

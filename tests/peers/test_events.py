@@ -140,8 +140,8 @@ others = st.one_of(
     st.just(frame(0x80, b"")),
     st.just(write(0x60FF, 0, struct.pack("<i", 4000))),
     st.just(write(0x1017, 0, struct.pack("<H", 40))),
-    st.sampled_from(sorted(NODE_MISBEHAVIOURS)).map(lambda name: lambda node: node.misbehave(name) and None),
-    st.just(lambda node: node.behave()),
+    st.sampled_from(sorted(NODE_MISBEHAVIOURS)).map(lambda name: lambda node: node.start_fault(name) and None),
+    st.just(lambda node: node.end_fault()),
 )
 device_events = st.lists(st.tuples(moments, others).map(lambda event: [event]), max_size=8)
 

@@ -59,9 +59,9 @@ def test_every_fault_is_described_and_its_parameters_are_within_their_limits(nam
 
 @pytest.mark.parametrize("name", DRIVE_MISBEHAVIOURS)
 def test_removed_fault_leaves_a_normal_drive(bench: Bench, name: str) -> None:
-    bench.node.misbehave(name)
+    bench.node.start_fault(name)
     bench.run(50)
-    bench.node.behave(name)
+    bench.node.end_fault(name)
     bench.run(50)
     assert not bench.node.misbehaviours
     bench.frame(0, bytes((NmtCommand.RESET_NODE, NODE)))
@@ -88,9 +88,9 @@ def test_removed_fault_leaves_a_normal_drive(bench: Bench, name: str) -> None:
 def test_a_wrong_choice_is_named_and_changes_nothing(
     bench: Bench, name: str, values: dict[str, object], message: str
 ) -> None:
-    bench.node.misbehave("slow-sdo", delay_ms=7)
+    bench.node.start_fault("slow-sdo", delay_ms=7)
     with pytest.raises(CanopenError, match=message):
-        bench.node.misbehave(name, **values)
+        bench.node.start_fault(name, **values)
     assert [fault.values for fault in bench.node.misbehaviours.values()] == [{"delay_ms": 7}]
 
 
@@ -100,7 +100,7 @@ def test_any_simulated_node_has_the_faults_of_a_node() -> None:
 
 
 def test_slow_sdo_answers_after_its_delay(bench: Bench) -> None:
-    bench.node.misbehave("slow-sdo", delay_ms=30)
+    bench.node.start_fault("slow-sdo", delay_ms=30)
     assert bench.read(0x1000) is None
     bench.run(29)
     assert not bench.sent(SDO_ANSWER)
@@ -109,12 +109,12 @@ def test_slow_sdo_answers_after_its_delay(bench: Bench) -> None:
 
 
 def test_sdo_timeout_leaves_each_nth_request_without_an_answer(bench: Bench) -> None:
-    bench.node.misbehave("sdo-timeout", every=3)
+    bench.node.start_fault("sdo-timeout", every=3)
     assert [bench.read(0x1000) is None for _ in range(6)] == [False, False, True] * 2
 
 
 def test_sdo_toggle_error_answers_in_segments_with_the_wrong_toggle_bit(bench: Bench) -> None:
-    bench.node.misbehave("sdo-toggle-error")
+    bench.node.start_fault("sdo-toggle-error")
     assert bench.read(0x1000) == struct.pack("<BHBI", 0x41, 0x1000, 0, 4)
     bench.frame(SDO_REQUEST, b"\x60" + bytes(7))
     assert bench.sent(SDO_ANSWER)[1] == b"\x17\x92\x01\x02\0\0\0\0"
@@ -124,34 +124,34 @@ def test_sdo_toggle_error_answers_in_segments_with_the_wrong_toggle_bit(bench: B
 
 
 def test_wrong_identity_shows_another_vendor(bench: Bench) -> None:
-    bench.node.misbehave("wrong-identity", vendor_id=0x1234)
+    bench.node.start_fault("wrong-identity", vendor_id=0x1234)
     assert bench.read(0x1018, 1)[4:] == b"\x34\x12\0\0"  # type: ignore[index]
     assert bench.read(0x1018, 2)[4:] == b"\x01\0\0\0"  # type: ignore[index]
 
 
 def test_a_missing_object_is_neither_read_nor_written(bench: Bench) -> None:
-    bench.node.misbehave("object-missing", index=0x1017)
+    bench.node.start_fault("object-missing", index=0x1017)
     assert bench.write(0x1017, 0, 10) == 0x0602_0000
     assert bench.read(0x1017)[4:] == b"\0\0\x02\x06"  # type: ignore[index]
     assert bench.write(0x1016, 1, 10) == 0
 
 
 def test_two_pdos_has_no_parameters_for_the_third(bench: Bench) -> None:
-    bench.node.misbehave("two-pdos")
+    bench.node.start_fault("two-pdos")
     for base in (0x1400, 0x1600, 0x1800, 0x1A00):
         assert bench.read(base + 1, 1)[0] == 0x43  # type: ignore[index]
         assert bench.read(base + 2, 1)[4:] == b"\0\0\x02\x06"  # type: ignore[index]
 
 
 def test_fixed_mapping_cannot_be_written(bench: Bench) -> None:
-    bench.node.misbehave("fixed-pdo-mapping")
+    bench.node.start_fault("fixed-pdo-mapping")
     bench.write(0x1400, 1, 0x8000_0205)
     assert bench.write(0x1600, 0, 0) == 0x0601_0002
     assert bench.read(0x1600, 1)[4:] == b"\x10\0\x40\x60"  # type: ignore[index]
 
 
 def test_mapping_abort_takes_everything_but_the_count(bench: Bench) -> None:
-    bench.node.misbehave("mapping-abort")
+    bench.node.start_fault("mapping-abort")
     assert bench.write(0x1400, 1, 0x8000_0205) == 0
     assert bench.write(0x1600, 0, 0) == 0
     assert bench.write(0x1600, 1, 0x6040_0010) == 0
@@ -160,7 +160,7 @@ def test_mapping_abort_takes_everything_but_the_count(bench: Bench) -> None:
 
 def test_lost_pdos_misses_commands_and_values(bench: Bench) -> None:
     bench.operate()
-    bench.node.misbehave("lost-pdos", every=1)
+    bench.node.start_fault("lost-pdos", every=1)
     bench.command(0x02)
     bench.run(100)
     assert bench.model.state is State.OPERATION_ENABLED
@@ -172,14 +172,14 @@ def test_duplicated_pdos_come_again_at_once(bench: Bench) -> None:
     bench.run(100)
     once = len(bench.sent(TPDO))
     bench.frames.clear()
-    bench.node.misbehave("duplicated-pdos", copies=2)
+    bench.node.start_fault("duplicated-pdos", copies=2)
     bench.run(100)
     assert len(bench.sent(TPDO)) == 3 * once
 
 
 def test_late_pdos_keep_their_order(bench: Bench) -> None:
     bench.operate()
-    bench.node.misbehave("late-pdos", delay_ms=30)
+    bench.node.start_fault("late-pdos", delay_ms=30)
     bench.command(0x02)
     bench.run(28)
     assert bench.model.state is State.OPERATION_ENABLED
@@ -192,7 +192,7 @@ def test_late_pdos_keep_their_order(bench: Bench) -> None:
 
 def test_heartbeat_stops_but_the_boot_up_message_does_not(bench: Bench) -> None:
     bench.write(0x1017, 0, 10)
-    bench.node.misbehave("heartbeat-stops")
+    bench.node.start_fault("heartbeat-stops")
     bench.frames.clear()
     bench.run(50)
     assert not bench.sent(HEARTBEAT)
@@ -202,14 +202,14 @@ def test_heartbeat_stops_but_the_boot_up_message_does_not(bench: Bench) -> None:
 
 def test_an_emcy_burst_has_its_count_and_its_content(bench: Bench) -> None:
     bench.frames.clear()
-    bench.node.misbehave("emcy-burst", code=0x2310, register=3, count=5, period_ms=4)
+    bench.node.start_fault("emcy-burst", code=0x2310, register=3, count=5, period_ms=4)
     bench.run(100)
     assert [time for time, _, _ in bench.frames] == [3, 6, 10, 14, 18]
     assert set(bench.sent(EMCY)) == {b"\x10\x23\x03" + bytes(5)}
 
 
 def test_bus_off_receives_and_sends_nothing_until_recovery(bench: Bench) -> None:
-    bench.node.misbehave("bus-off", recovery_ms=50)
+    bench.node.start_fault("bus-off", recovery_ms=50)
     assert bench.read(0x1000) is None
     bench.run(49)
     assert not bench.frames
@@ -220,19 +220,19 @@ def test_bus_off_receives_and_sends_nothing_until_recovery(bench: Bench) -> None
 
 def test_error_passive_reports_and_is_late(bench: Bench) -> None:
     bench.frames.clear()
-    bench.node.misbehave("error-passive", delay_ms=9)
+    bench.node.start_fault("error-passive", delay_ms=9)
     bench.run(100)
     assert bench.sent(EMCY) == [b"\x20\x81\x11" + bytes(5)]
     assert bench.read(0x1000) is None
     bench.run(9)
     assert bench.sent(SDO_ANSWER)
-    bench.node.behave("error-passive")
+    bench.node.end_fault("error-passive")
     assert bench.sent(EMCY) == [bytes(8)]
 
 
 def test_reboot_is_silent_then_boots_with_power_on_values(bench: Bench) -> None:
     bench.operate()
-    bench.node.misbehave("reboot", off_ms=30)
+    bench.node.start_fault("reboot", off_ms=30)
     bench.run(29)
     assert not bench.frames
     bench.run(1)
@@ -243,7 +243,7 @@ def test_reboot_is_silent_then_boots_with_power_on_values(bench: Bench) -> None:
 
 
 def test_reboot_in_motion_waits_for_the_motion(bench: Bench) -> None:
-    bench.node.misbehave("reboot-in-motion", speed=500)
+    bench.node.start_fault("reboot-in-motion", speed=500)
     bench.operate(900)
     bench.run(1000)
     assert bench.node.state is NmtState.OPERATIONAL
@@ -254,13 +254,13 @@ def test_reboot_in_motion_waits_for_the_motion(bench: Bench) -> None:
 
 
 def test_homing_ends_without_its_bit(bench: Bench) -> None:
-    bench.node.misbehave("no-homing-attained")
+    bench.node.start_fault("no-homing-attained")
     bench.operate(0)
     bench.write(0x6098, 0, 35)
     bench.write(0x6060, 0, Mode.HOMING)
     bench.command(0x1F)
     assert bench.model.statusword & (StatusBit.MODE_12 | StatusBit.TARGET_REACHED) == StatusBit.TARGET_REACHED
-    bench.node.behave()
+    bench.node.end_fault()
     bench.run(1)
     assert bench.model.statusword & StatusBit.MODE_12
 
@@ -268,7 +268,7 @@ def test_homing_ends_without_its_bit(bench: Bench) -> None:
 def test_late_status_is_as_old_as_it_says(bench: Bench) -> None:
     bench.operate()
     bench.run(100)
-    bench.node.misbehave("late-status", delay_ms=40)
+    bench.node.start_fault("late-status", delay_ms=40)
     bench.run(50)
     bench.command(0x02)
     bench.run(38)
@@ -279,7 +279,7 @@ def test_late_status_is_as_old_as_it_says(bench: Bench) -> None:
 
 def test_bouncing_bits_change_all_the_time(bench: Bench) -> None:
     bench.operate(0)
-    bench.node.misbehave("bouncing-status", bits=StatusBit.OPERATION_ENABLED, period_ms=5)
+    bench.node.start_fault("bouncing-status", bits=StatusBit.OPERATION_ENABLED, period_ms=5)
     seen = []
     for _ in range(20):
         bench.run(1)
@@ -288,13 +288,13 @@ def test_bouncing_bits_change_all_the_time(bench: Bench) -> None:
 
 
 def test_unknown_state_fits_no_state(bench: Bench) -> None:
-    bench.node.misbehave("unknown-state")
+    bench.node.start_fault("unknown-state")
     bench.run(1)
     assert state_of(bench.model.statusword) is None
 
 
 def test_the_mode_display_keeps_the_old_mode(bench: Bench) -> None:
-    bench.node.misbehave("mode-display-stuck")
+    bench.node.start_fault("mode-display-stuck")
     bench.write(0x6060, 0, Mode.VELOCITY)
     bench.run(10)
     assert bench.read(0x6061)[4] == Mode.POSITION  # type: ignore[index]
@@ -305,7 +305,7 @@ def test_the_mode_display_keeps_the_old_mode(bench: Bench) -> None:
 def test_limit_switch_stops_only_motion_towards_it(bench: Bench, positive: int, speed: int) -> None:
     bench.operate(speed)
     bench.run(300)
-    bench.node.misbehave("limit-switch", positive=positive)
+    bench.node.start_fault("limit-switch", positive=positive)
     bench.run(1000)
     assert bench.model.velocity_actual == 0
     assert bench.model.statusword & StatusBit.INTERNAL_LIMIT
@@ -316,7 +316,7 @@ def test_limit_switch_stops_only_motion_towards_it(bench: Bench, positive: int, 
 
 def test_enable_input_ends_operation(bench: Bench) -> None:
     bench.operate()
-    bench.node.misbehave("enable-input-dropped")
+    bench.node.start_fault("enable-input-dropped")
     assert bench.model.state is State.SWITCHED_ON
 
 
@@ -326,13 +326,13 @@ def test_enable_input_ends_operation(bench: Bench) -> None:
 )
 def test_drive_fault_stays_until_it_is_removed(bench: Bench, name: str, values: dict[str, int], number: int) -> None:
     bench.operate()
-    bench.node.misbehave(name, **values)
+    bench.node.start_fault(name, **values)
     bench.run(1000)
     assert (bench.model.state, bench.model.error_code) == (State.FAULT, number)
     assert (bench.model.dc_link_voltage < 20_000) is (name == "under-voltage")
     bench.command(0x80)
     assert bench.model.state is State.FAULT
-    bench.node.behave(name)
+    bench.node.end_fault(name)
     bench.command(0)
     bench.command(0x80)
     assert bench.model.state is State.SWITCH_ON_DISABLED

@@ -109,12 +109,12 @@ def test_faults_of_the_file_are_in_force_from_the_boot_up_message_on() -> None:
     world.bus("a").taps.append(lambda now, sender, can_id, data: heard.append((can_id, data)))
     world.bus("a").join("listener")
     simulation.add("drive", world.bus("a").join("node 3"), 3, 3)
-    simulation.misbehave(3, "bus-off", {"recovery_ms": 0})
-    simulation.misbehave(3, "emcy-burst", {"count": 3})
+    simulation.start_fault(3, "bus-off", {"recovery_ms": 0})
+    simulation.start_fault(3, "emcy-burst", {"count": 3})
     simulation.start()
     world.loop.run_for(SECOND)
     assert heard == []
-    simulation.behave(3, "bus-off")
+    simulation.end_fault(3, "bus-off")
     world.loop.run_for(SECOND)
     simulation.stop()
     assert (heard[0][0], heard[0][1][:2]) == (0x83, b"\x40\x81"), "recovered; nothing before it"
@@ -127,11 +127,11 @@ def test_every_kind_of_device_has_the_faults_of_a_node(kind: str, name: str) -> 
     world = World()
     simulation = Simulation(world.loop)
     simulation.add(kind, world.bus("a").join("node 3"), 3, 3)
-    simulation.misbehave(3, name, {})
+    simulation.start_fault(3, name, {})
     simulation.start()
     device = simulation.device(3)
     assert list(simulation.status(3)["faults"]) == [name]  # type: ignore[call-overload]
-    simulation.behave(3)
+    simulation.end_fault(3)
     world.loop.run_for(100 * MS)
     assert device.node.running
     simulation.stop()
@@ -266,9 +266,9 @@ def test_device_on_an_unplugged_interface_has_the_reason() -> None:
     simulation.add("drive", member, 3, 3)
     simulation.start()
     world.loop.run_for(SECOND)
-    assert simulation.look() == ""
+    assert simulation.check_bus() == ""
     member.unplug("unplugged")
-    assert simulation.look() == "unplugged"
+    assert simulation.check_bus() == "unplugged"
     simulation.stop()
 
 

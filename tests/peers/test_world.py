@@ -313,7 +313,7 @@ def life(seed: int) -> list[tuple[int, str, int, bytes]]:
     for node in (1, 2, 3):
         master.send(0, bytes((1, node)))
     world.loop.run_for(200 * MS)
-    drives[0].do(lambda node: node.misbehave("emcy-burst"))
+    drives[0].do(lambda node: node.start_fault("emcy-burst"))
     world.loop.run_for(SECOND)
     return log
 

@@ -246,7 +246,7 @@ def test_delayed_answers_do_not_make_units_wrong(monkeypatch: pytest.MonkeyPatch
 
 def test_drive_that_never_reacts_times_out() -> None:
     site = Site()
-    site.drive.do(lambda node: node.misbehave("deaf"))
+    site.drive.do(lambda node: node.start_fault("deaf"))
     outcome = site.run()
     assert "the drive is ready to switch on" in outcome.abort_reason
     assert site.turned == 0
@@ -254,7 +254,7 @@ def test_drive_that_never_reacts_times_out() -> None:
 
 def test_drive_that_stops_reacting_is_stopped_by_nmt() -> None:
     site = Site()
-    site.when_turning(lambda: site.drive.do(lambda node: node.misbehave("deaf")))
+    site.when_turning(lambda: site.drive.do(lambda node: node.start_fault("deaf")))
     outcome = site.run()
     assert not outcome.passed
     assert any("DOES NOT STOP" in line for line in site.lines)

@@ -13,7 +13,7 @@ _UNCERTAIN_S = Fraction(2, 100)
 """Uncertainty of the time of a position."""
 
 
-_SEEN_TURNS, _SEEN_SHARE = Fraction(1, 2), Fraction(15, 100)
+_COUNT_TURNS, _COUNT_SHARE = Fraction(1, 2), Fraction(15, 100)
 """How exactly a person counts turns: this number, or this share of the turns."""
 
 
@@ -90,7 +90,7 @@ def compare_turns(typed: str, turns: Fraction) -> tuple[bool, str]:
         seen = Fraction(typed.strip().replace(",", "."))
     except (ValueError, ZeroDivisionError):
         return False, ""
-    if abs(abs(seen) - turns) <= max(_SEEN_TURNS, _SEEN_SHARE * turns):
+    if abs(abs(seen) - turns) <= max(_COUNT_TURNS, _COUNT_SHARE * turns):
         return True, ""
     return True, (
         f"the mark made {_g(seen)} turns, commanded were {_g(turns)}: velocity_unit, counts_per_revolution, "

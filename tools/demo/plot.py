@@ -20,7 +20,7 @@ from pdgw.tools.demo.chapters import Chapter, Curve, Panel
 from pdgw.tools.recording.recordings import known_from
 
 _SAMPLE_NS = 4 * MS
-_SEEN_S = 0.08
+_STATE_S = 0.08
 """Shortest drawn fault, in seconds: one that is acknowledged at once stays visible."""
 _COLOURS = {True: ("#f58518", "#b279a2"), False: ("#4c78a8", "#54a24b")}
 """Colours of setpoints (True) and of actual values (False)."""
@@ -32,7 +32,7 @@ _TEXT_BELOW = 0.62
 
 
 @dataclass
-class _Seen:
+class _Recorded:
     """The captured data of one axis: values with times in seconds, and the states."""
 
     newest: dict[str, int] = field(default_factory=dict)
@@ -53,11 +53,11 @@ class _Seen:
             self.values.append(dict(self.newest))
 
 
-def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
+def _recorded(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Recorded]:
     """Read each axis of a capture by its place in the frame. Times count from ``begin_s`` (seconds of the epoch)."""
     decoder = Decoder(known_from(config, [], []).settings)
     begin_ns = round(begin_s * SECOND)
-    found: dict[int, _Seen] = defaultdict(_Seen)
+    found: dict[int, _Recorded] = defaultdict(_Recorded)
     with open_source(str(capture)) as source:
         for packet in source.packets:
             for unit in decoder.decode(packet).units:
@@ -80,7 +80,7 @@ def plot(
         from matplotlib import pyplot  # noqa: PLC0415
     except ImportError:
         return
-    seen = _seen(capture, config, begin_s)
+    seen = _recorded(capture, config, begin_s)
     figure, places = pyplot.subplots(
         len(chapter.panels),
         1,
@@ -112,18 +112,18 @@ def _belonging(panel: Panel, notes: list[tuple[float, str]]) -> list[tuple[float
 
 
 def _shade(place: Any, spans: Sequence[tuple[float, float, str]]) -> None:
-    """The states of an axis in the background of its curves, each at least ``_SEEN_S`` long."""
+    """The states of an axis in the background of its curves, each at least ``_STATE_S`` long."""
     labels = {OPERATION, FAULT}
     for begin, end, state in spans:
         if state != OFF:
             colour, opacity = _STATE_COLOURS[state]
             label = state if state in labels else ""
             labels.discard(state)
-            last = max(end, begin + _SEEN_S)
+            last = max(end, begin + _STATE_S)
             place.axvspan(begin, last, color=colour, alpha=opacity, lw=0, label=label)
 
 
-def _draw(place: Any, panel: Panel, seen: _Seen) -> None:
+def _draw(place: Any, panel: Panel, seen: _Recorded) -> None:
     drawn = {True: 0, False: 0}
     for curve in panel.curves:
         colours = _COLOURS[curve.setpoint]
@@ -155,7 +155,7 @@ def _mark(place: Any, notes: list[tuple[float, str]], *, texts: bool) -> None:
         place.text(1.01, _TEXT_BELOW, lines, transform=place.transAxes, va="top", fontsize=7, color="#222222")
 
 
-def _draw_curve(place: Any, curve: Curve, seen: _Seen, colour: str) -> None:
+def _draw_curve(place: Any, curve: Curve, seen: _Recorded, colour: str) -> None:
     values = [curve.value(values) for values in seen.values]
     if curve.setpoint:
         place.step(seen.times, values, where="post", color=colour, lw=1.2, label=curve.label)

@@ -28,7 +28,7 @@ log = logging.getLogger("gateway")
 
 _LINES = 10_000
 """Capacity of the queue of log records."""
-_LOOK_S = 1.0
+_WAIT_S = 1.0
 """Interval of checking for due reports while no records arrive, in seconds."""
 _PATIENCE_MS = 1000
 _LONGEST_LINE = 2000
@@ -62,7 +62,7 @@ class _FromQueue(logging.handlers.QueueListener):
     def dequeue(self, block: bool) -> logging.LogRecord:
         while True:
             try:
-                return self._records.get(block, timeout=_LOOK_S)
+                return self._records.get(block, timeout=_WAIT_S)
             except queue.Empty:
                 if not block:
                     raise

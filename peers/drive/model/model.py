@@ -440,8 +440,8 @@ class DriveModel:
                 self.motion.move()
         elif state is State.QUICK_STOP_ACTIVE:
             option = self.read(QUICK_STOP_OPTION, 0)
-            stands = self.stop_ramp and self.slow_down(self._quick_deceleration(option in _QUICK_RAMPS))
-            if stands and option < _STAYS_STOPPED:
+            stopped = self.stop_ramp and self.slow_down(self._quick_deceleration(option in _QUICK_RAMPS))
+            if stopped and option < _STAYS_STOPPED:
                 self._enter(State.SWITCH_ON_DISABLED)
         elif state is State.FAULT_REACTION_ACTIVE:
             option = self.read(FAULT_REACTION_OPTION, 0)

@@ -113,11 +113,11 @@ def silent_drive(plc: Plc) -> None:
     drive = drive_of(plc.daemon)
     plc.enable()
     for words, cycles in (((ON & ~8, ON), 5), ((ON,), 80)):
-        drive.do(lambda node: node.misbehave("lost-pdos", every=1))
+        drive.do(lambda node: node.start_fault("lost-pdos", every=1))
         for word in words:
             plc.endpoint.set(0, {"STW1": word})
             run(plc, cycles)
-        drive.do(lambda node: node.behave())
+        drive.do(lambda node: node.end_fault())
         run(plc, 40)
     plc.enable()
     plc.endpoint.set(0, {"STW1": OFF})

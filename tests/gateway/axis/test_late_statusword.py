@@ -312,10 +312,10 @@ def test_every_telegram_answers_an_unknown_state_with_quick_stop(number: int) ->
         rig.enable()
     rig.feedback.statusword = NO_STATE
     # The drive misses the first quick stop, as when the frame is lost.
-    rig.node.misbehave("lost-pdos", every=1)
+    rig.node.start_fault("lost-pdos", every=1)
     rig.step()
     rig.feedback.statusword = 0x0637
-    rig.node.behave()
+    rig.node.end_fault()
     refresh(rig)
     rig.step(40)
     assert rig.state is not State.OPERATION_ENABLED
@@ -332,9 +332,9 @@ def test_transparent_axis_in_operation_without_a_command_is_stopped() -> None:
         rig.values["Controlword"] = word
         rig.step(4)
     rig.connected_drive = False
-    rig.node.misbehave("lost-pdos", every=1)
+    rig.node.start_fault("lost-pdos", every=1)
     rig.step(3)
-    rig.node.behave()
+    rig.node.end_fault()
     rig.connected_drive = True
     refresh(rig)
     rig.step()
@@ -346,7 +346,7 @@ def test_transparent_axis_in_operation_without_a_command_is_stopped() -> None:
 
 def test_homing_without_homing_attained_is_reported_and_aborted() -> None:
     rig = Rig(9)
-    rig.node.misbehave("no-homing-attained")
+    rig.node.start_fault("no-homing-attained")
     rig.values |= {"SATZANW": 35, "MDI_VELOCITY": 0x1000}
     rig.enable()
     rig.values["STW1"] |= 0x0800
@@ -356,7 +356,7 @@ def test_homing_without_homing_attained_is_reported_and_aborted() -> None:
     assert "standstill without Statusword.12" in rig.stepper.events[0].text
     assert rig.actuals["ZSW1"] & 0x0880 == 0x0080, "warning, no home position"
     assert rig.stepper.reason is Reason.HOMING_ERROR
-    rig.node.behave()
+    rig.node.end_fault()
     rig.values["STW1"] &= ~0x0800
     rig.step(4)
     assert not rig.actuals["ZSW1"] & 0x0880

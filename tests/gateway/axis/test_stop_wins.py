@@ -213,7 +213,7 @@ def test_telegram_100_stops_without_control_too(word: int) -> None:
     rig.values["Controlword"] = 0x06
     rig.step(4)
     assert rig.state is State.READY_TO_SWITCH_ON
-    rig.node.misbehave("lost-pdos", every=1)
+    rig.node.start_fault("lost-pdos", every=1)
     statusword = rig.feedback.statusword
     for asked in (word, 0x0F, 0x07, 0x0F):
         rig.values["Controlword"] = asked

@@ -204,7 +204,7 @@ def test_a_lost_encoder_is_a_fault_until_it_is_back_and_acknowledged() -> None:
         plc = Plc(daemon, [81])
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ABSOLUTE_VALID"]), "absolute value")
-        encoder_of(daemon).do(lambda node: node.misbehave("reboot"))
+        encoder_of(daemon).do(lambda node: node.start_fault("reboot"))
         plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
         plc.until(lambda: has(plc, "ZSW2_ENC", 0x0008), "back, with a fault")
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ERROR"]), "and a sensor error")
@@ -231,7 +231,7 @@ def test_warnings_of_the_encoder_and_of_the_gateway_are_in_p953() -> None:
         simulated.clear("battery")
         plc.until(lambda: not has(plc, "ZSW2_ENC", 0x0080), "end of the warning")
         assert warnings() == 0
-        simulated.do(lambda node: node.misbehave("object-missing", index=0x6003))
+        simulated.do(lambda node: node.start_fault("object-missing", index=0x6003))
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["PRESET"]})
         plc.until(lambda: plc.value("G1_XIST2") == 0x1001, "preset refused")
         assert warnings() == 1 << 118 - 108
@@ -372,10 +372,10 @@ def test_encoder_whose_alarms_cannot_be_read_is_lost() -> None:
     with running(configuration(encoder(1, 81))) as daemon:
         made = daemon.encoders[0]
         until(daemon, lambda: made.good, "online")
-        encoder_of(daemon).do(lambda node: node.misbehave("sdo-timeout"))
+        encoder_of(daemon).do(lambda node: node.start_fault("sdo-timeout"))
         until(daemon, lambda: not made.good, "lost")
         assert "could not be read 3 times" in made.faults[0].text
-        encoder_of(daemon).do(lambda node: node.behave())
+        encoder_of(daemon).do(lambda node: node.end_fault())
         until(daemon, lambda: made.good, "online again")
 
 
@@ -383,11 +383,11 @@ def test_encoder_without_pdos_is_lost_when_its_alarms_alone_cannot_be_read() -> 
     """Its position comes by SDO: that it can be read says nothing about the alarms."""
 
     def before(daemon: Daemon) -> None:
-        encoder_of(daemon).do(lambda node: node.misbehave("two-pdos", pdos=0))
+        encoder_of(daemon).do(lambda node: node.start_fault("two-pdos", pdos=0))
 
     with running(configuration(encoder(1, 81)), before) as daemon:
         made = daemon.encoders[0]
         until(daemon, lambda: made.good, "online")
-        encoder_of(daemon).do(lambda node: node.misbehave("object-missing", index=0x6503))
+        encoder_of(daemon).do(lambda node: node.start_fault("object-missing", index=0x6503))
         until(daemon, lambda: not made.good, "lost")
         assert "could not be read 3 times" in made.faults[0].text

@@ -158,7 +158,7 @@ class Machine:
 def machine() -> Iterator[Machine]:
     with site.guarded_network() as network:
         drive = site.drive(NODE)
-        drive.node.misbehave("two-pdos")
+        drive.node.start_fault("two-pdos")
         drive.start()
         axis = Axis(AxisConfig(do_id=1, node_id=NODE, telegram=9, sdo_timeout_ms=100), network, 4)
         axis.drive.start()
@@ -171,7 +171,7 @@ def machine() -> Iterator[Machine]:
 
 
 def test_a_task_starts_with_its_own_accelerations(machine: Machine) -> None:
-    machine.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=10))
+    machine.drive.do(lambda node: node.start_fault("slow-sdo", delay_ms=10))
     for acceleration, expected in ((0x1000, 250), (0x0800, 125)):
         machine.give(TASK_ON)
         machine.until(lambda: not machine.acknowledged, "last task taken back")
@@ -185,11 +185,11 @@ def test_a_task_starts_with_its_own_accelerations(machine: Machine) -> None:
 
 
 def test_a_task_whose_data_is_not_accepted_is_reported_and_can_be_repeated(machine: Machine) -> None:
-    machine.drive.do(lambda node: node.misbehave("sdo-timeout"))
+    machine.drive.do(lambda node: node.start_fault("sdo-timeout"))
     machine.give(TASK_ON | TASK, MDI_TARPOS=0x1000_0000, MDI_ACC=0x1000, MDI_DEC=0x1000)
     machine.until(lambda: machine.axis.reason is Reason.SET_POINT_REFUSED, "refused")
     assert [fault.number for fault in machine.axis.faults] == [119]
-    machine.drive.do(lambda node: node.behave())
+    machine.drive.do(lambda node: node.end_fault())
     machine.until(lambda: machine.drive.model.profile_acceleration == 250, "taken later")
     machine.give(TASK_ON | TASK)
     assert machine.drive.model.position == 0

@@ -241,7 +241,7 @@ def test_an_answer_is_fetched_within_10_ms_of_being_ready(delay_ms: int) -> None
     with serving(configuration(axis(1))) as (daemon, client):
         elapsed = []
         for delay in (1, delay_ms):
-            drive_of(daemon).do(lambda node, delay=delay: node.misbehave("slow-sdo", delay_ms=delay))
+            drive_of(daemon).do(lambda node, delay=delay: node.start_fault("slow-sdo", delay_ms=delay))
             began = daemon.loop.now()
             client.request([ParameterAddress(0x6041, 0, 1)])
             elapsed.append(daemon.loop.now() - began)

@@ -107,7 +107,7 @@ def _lose_plc(site: Site) -> int:
 
 def _lose(site: Site, fault: str, **values: int) -> int:
     begin = site.loop.now()
-    site.drive.do(lambda node: node.misbehave(fault, **values))
+    site.drive.do(lambda node: node.start_fault(fault, **values))
     return site.stop_frame() - begin
 
 
@@ -127,7 +127,7 @@ def _lose_bus(site: Site) -> int:
 
 
 def _ignore_stop(site: Site) -> int:
-    site.drive.do(lambda node: node.misbehave("deaf"))
+    site.drive.do(lambda node: node.start_fault("deaf"))
     site.plc.set({"STW1": _ON & ~0x4})
     begin = site.stop_frame()
     return site.first(lambda can_id, data: can_id == NMT and data[0] == NmtCommand.STOP) - begin

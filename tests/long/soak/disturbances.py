@@ -126,8 +126,8 @@ def _power_cycle(_: SoakRun, axis: SoakAxis, __: Random) -> Undo:
 
 def _misbehaves(name: str) -> Disturbance:
     def begin(_: SoakRun, axis: SoakAxis, __: Random) -> Undo:
-        axis.drive.do(lambda node: node.misbehave(name))
-        return lambda: axis.drive.do(lambda node: node.behave(name))
+        axis.drive.do(lambda node: node.start_fault(name))
+        return lambda: axis.drive.do(lambda node: node.end_fault(name))
 
     return Disturbance(f"drive: {name}", 1, begin, drive=True)
 

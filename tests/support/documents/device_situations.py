@@ -66,9 +66,9 @@ def spoil(**what: object) -> Callable[[Daemon], None]:
     return begin
 
 
-def behave(plc: Plc, daemon: Daemon) -> None:
+def end_fault(plc: Plc, daemon: Daemon) -> None:
     """Another device, or its firmware: it sends what it should."""
-    drive_of(daemon).node.behave()
+    drive_of(daemon).node.end_fault()
     online(plc, daemon)
 
 
@@ -82,11 +82,11 @@ def _ignores_start(can_id: int, data: bytes) -> bool:
 
 
 def _limit_switch(_: Plc, daemon: Daemon, positive: int = 1) -> None:
-    drive_of(daemon).node.misbehave("limit-switch", positive=positive)
+    drive_of(daemon).node.start_fault("limit-switch", positive=positive)
 
 
 def _lose(plc: Plc, daemon: Daemon) -> None:
-    drive_of(daemon).node.misbehave("bus-off", recovery_ms=1000)
+    drive_of(daemon).node.start_fault("bus-off", recovery_ms=1000)
     plc.until(lambda: not daemon.axes[0].good, "lost")
     plc.until(lambda: daemon.axes[0].good, "found again")
 
@@ -123,7 +123,7 @@ def _stop_sign_of_life(plc: Plc, daemon: Daemon) -> None:
 
 def _keep_mode(daemon: Daemon) -> Daemon:
     """6061h stays as it is while the operation is enabled."""
-    drive_of(daemon).node.misbehave("mode-display-stuck")
+    drive_of(daemon).node.start_fault("mode-display-stuck")
     return daemon
 
 
@@ -169,14 +169,14 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         spoil=_set_error_register,
         says=("rejected", "Pre-operational", "1001h = 11h (generic, communication)", "restart the node"),
         lacks=("TPDO", "check power", "being configured", "config check"),
-        cure=behave,
+        cure=end_fault,
     ),
     "the drive sends a TPDO that is one byte shorter than its mapping": DeviceSituation(
         operates=False,
         spoil=spoil(sent=_short),
         says=("rejected", "TPDO1", "5 bytes", "6 bytes"),
         lacks=("none of", "being configured", "sync"),
-        cure=behave,
+        cure=end_fault,
     ),
     "the encoder is of another manufacturer, and the configuration has no EDS": DeviceSituation(
         operates=False,

@@ -45,7 +45,7 @@ class Plant:
         drive.node.values |= values or {}
         drive.node.pdos.map()
         if misbehaves:
-            drive.node.misbehave(misbehaves)
+            drive.node.start_fault(misbehaves)
         drive.start()
         return drive
 

@@ -110,9 +110,9 @@ def dictionary_of(files: Mapping[int, Path], default: Path | None = None) -> Dic
 # Facts for the decoder before a capture: from the user, and from the start of the capture.
 
 
-_LOOK_AT: Final = 20_000
+_PACKETS_MAX: Final = 20_000
 """Number of packets searched for telegrams and the first cyclic frame."""
-_LOOK_AT_CAN: Final = 2_000
+_CAN_PACKETS_MAX: Final = 2_000
 """Number of packets that are enough without any cyclic frame."""
 _NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
 
@@ -183,11 +183,11 @@ def look_ahead(file: str, settings: Settings) -> tuple[Settings, int | None, str
     decoder = Decoder(replace(settings, axes=(), dictionary=None))
     zero_ns = None
     with contextlib.suppress(CaptureError), open_source(file) as source:
-        for number, packet in enumerate(islice(source.packets, _LOOK_AT)):
+        for number, packet in enumerate(islice(source.packets, _PACKETS_MAX)):
             record = decoder.decode(packet)
             if zero_ns is None and isinstance(record, CyclicRecord):
                 zero_ns = record.time_ns
-            if decoder.sure or (zero_ns is None and number > _LOOK_AT_CAN):
+            if decoder.sure or (zero_ns is None and number > _CAN_PACKETS_MAX):
                 break
     if settings.axes or not decoder.inferred:
         return settings, zero_ns, ""
