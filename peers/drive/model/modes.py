@@ -1,4 +1,4 @@
-"""The modes of operation of the simulated drive: one object for each mode, selected by 6061h.
+"""The modes of operation of the simulated drive: one object for each mode, selected by 6061h. Homing is in ``homing``.
 
 Source: the manufacturer's guide chapters 6 and 7, CiA DSP 402 V2.0 (profile position, profile velocity, homing), CiA 402-2
 (cyclic synchronous modes). The model has the state of the power section and the quick stop.
@@ -6,20 +6,367 @@ Source: the manufacturer's guide chapters 6 and 7, CiA DSP 402 V2.0 (profile pos
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import (
+    INTERPOLATION_TIME,
+    MAX_ACCELERATION,
+    MAX_CURRENT,
+    MAX_DECELERATION,
+    POSITION_RANGE_LIMIT,
+    VELOCITY_THRESHOLD,
+    VELOCITY_WINDOW,
+    VL_ACCELERATION,
+    VL_DECELERATION,
+)
+from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.peers.drive.model.homing import Homing
-from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation
-from pdgw.peers.drive.model.position_modes import CyclicPosition, ProfilePosition, Turntable
-from pdgw.peers.drive.model.speed_modes import (
-    CurrentControl,
-    CyclicTorque,
-    CyclicVelocity,
-    ProfileVelocity,
-    SpeedControl,
-    Torque,
-    VelocityMode,
+from pdgw.peers.drive.model.mode_of_operation import (
+    COAST_DECELERATION,
+    INCREMENTS_PER_REVOLUTION,
+    TICK,
+    TORQUE_ACCELERATION,
+    ModeOfOperation,
+    follows,
+    increments_per_second,
+    rpm_of,
+    speed_toward,
 )
 from pdgw.peers.drive.objects import CURRENT_CONTROL, SPEED_CONTROL, TURNTABLE
+
+if TYPE_CHECKING:
+    from pdgw.peers.drive.model.model import DriveModel
+
+
+@dataclass(slots=True)
+class Setpoint:
+    """An accepted target of profile position: increments, rpm, rpm/s."""
+
+    target: float
+    speed: float
+    acceleration: float
+    deceleration: float
+
+
+class CyclicPosition(ModeOfOperation):
+    """Move to the newest target in a straight line over 60C2h.
+
+    Without a new target the motion ends there. If SYNC has a period (1006h), it first continues for one more 60C2h.
+    """
+
+    synchronous = True
+
+    def __init__(self, drive: DriveModel) -> None:
+        super().__init__(drive)
+        self._goal = 0.0
+        self._way = 0.0
+        """Distance from the previous target."""
+        self._left = 0
+        """Ticks to the target."""
+        self._extrapolated = True
+
+    def enabled(self) -> None:
+        self._goal, self._way, self._left = self.drive.position, 0.0, 0
+        self._extrapolated = True
+
+    @property
+    def _period(self) -> int:
+        read = self.drive.read
+        return max(1, round(read(INTERPOLATION_TIME, 1) * 10.0 ** read(INTERPOLATION_TIME, 2) / TICK))
+
+    def received(self) -> None:
+        goal = float(self.drive.target_position)
+        self._goal, self._way, self._left = goal, goal - self._goal, self._period
+        self._extrapolated = not self.drive.sync_ticks
+
+    def move(self) -> None:
+        drive = self.drive
+        if not self._left and not self._extrapolated:
+            self._extrapolated = True
+            self._goal += self._way
+            self._left = self._period
+        ticks = max(1, self._left)
+        self._left = ticks - 1
+        drive.follow_at_once(rpm_of((self._goal - drive.position) / (ticks * TICK)))
+
+    def bits(self, halted: bool, units: int) -> int:
+        return follows(self.drive, halted)
+
+    def condition(self) -> tuple[object, ...]:
+        return self._goal, self._left, self._extrapolated
+
+
+class ProfilePosition(ModeOfOperation):
+    """Setpoints by handshake, each with speed and ramps. One may wait for the end of another."""
+
+    def __init__(self, drive: DriveModel) -> None:
+        super().__init__(drive)
+        self.setpoint: Setpoint | None = None
+        self._queued: Setpoint | None = None
+        self._acknowledged = False
+        self._reached = True
+
+    def enabled(self) -> None:
+        self.disabled()
+        self._reached = True
+
+    def disabled(self) -> None:
+        self.setpoint = self._queued = None
+        self._acknowledged = False
+
+    def condition(self) -> tuple[object, ...]:
+        return self.setpoint, self._queued, self._acknowledged, self._reached
+
+    def bits(self, halted: bool, units: int) -> int:
+        bits = StatusBit.MODE_12 if self._acknowledged else 0
+        return bits | StatusBit.TARGET_REACHED if (units == 0 if halted else self._reached) else bits
+
+    def command(self, word: int, previous: int) -> None:
+        if self._rises(word, previous) and self._allowed(word, previous) and not self._acknowledged:
+            self._take(word)
+        elif not word & ControlBit.NEW_SETPOINT and self._queued is None:
+            self._acknowledged = False
+
+    def _take(self, word: int) -> None:
+        drive = self.drive
+        setpoint = Setpoint(
+            self._target(word),
+            min(drive.profile_velocity * drive.unit, drive.speed_limit),
+            drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION),
+            drive.acceleration(drive.profile_braking, MAX_DECELERATION),
+        )
+        self._acknowledged = True
+        if self.setpoint is not None and not word & ControlBit.CHANGE_IMMEDIATELY:
+            self._queued = setpoint
+            return
+        self._activate(setpoint)
+
+    def _activate(self, setpoint: Setpoint) -> None:
+        self.drive.started += 1
+        self.setpoint = setpoint
+        self._reached = False
+
+    def _target(self, word: int) -> float:
+        drive = self.drive
+        target = float(drive.target_position)
+        if word & ControlBit.RELATIVE:
+            target += drive.position
+        low, high = drive.read(POSITION_RANGE_LIMIT, 1), drive.read(POSITION_RANGE_LIMIT, 2)
+        if low == high == 0:
+            return target
+        if drive.shape.wraps:
+            turns = 0 if word & ControlBit.RELATIVE else round(drive.position) - drive.position_actual
+            return target + turns  # like a linear axis, not across the end of the range
+        limited = min(max(target, low), high)
+        drive.limited = limited != target
+        return limited
+
+    def move(self) -> None:
+        drive, setpoint = self.drive, self.setpoint
+        if drive.halted or setpoint is None:
+            if drive.halted:
+                self.setpoint = self._queued = None
+            deceleration = (
+                setpoint.deceleration if setpoint else drive.acceleration(drive.profile_braking, MAX_DECELERATION)
+            )
+            if drive.slow_down(deceleration) and drive.halted:
+                self._reached = True
+            return
+        distance = setpoint.target - drive.position
+        if drive.sine:
+            target = self._sine_speed(setpoint, distance)
+        else:
+            target = speed_toward(distance, setpoint.speed, setpoint.deceleration)
+        drive.limited = drive.limited and drive.read(POSITION_RANGE_LIMIT, 2) != 0
+        if drive.against_limit(target):
+            drive.limited = True
+            drive.slow_down(setpoint.deceleration)
+            return
+        if drive.sine:
+            drive.ramp.sine_squared(target, *drive.sine_times)
+        else:
+            drive.ramp.linear(target, setpoint.acceleration, setpoint.deceleration + 1e-6)
+        step = increments_per_second(drive.ramp.speed) * TICK
+        slow = increments_per_second(2 * setpoint.deceleration * TICK) * TICK
+        if abs(distance) <= max(1.0, abs(slow)) and abs(step) <= max(1.0, 2 * abs(slow)):
+            self._arrive(setpoint)
+
+    def _sine_speed(self, setpoint: Setpoint, distance: float) -> float:
+        """Speed setpoint for sine-squared ramps: the braking distance of a complete ramp is half the speed times the ramp
+        time.
+        """
+        ramp = self.drive.ramp
+        rise, fall = self.drive.sine_times
+        if ramp.speed == 0.0 and abs(distance) > 1:
+            return math.copysign(min(setpoint.speed, rpm_of(2 * abs(distance) / (rise + fall))), distance)
+        braking = increments_per_second(abs(ramp.speed)) * fall / 2
+        if ramp.target == 0.0 or abs(distance) <= braking or distance * ramp.speed < 0:
+            # Creep to the target: a ramp by time cannot reach a position exactly.
+            creep = math.copysign(min(setpoint.speed, rpm_of(abs(distance)) * 5), distance)
+            return creep if abs(ramp.speed) < 1.0 else 0.0
+        return ramp.target
+
+    def _arrive(self, setpoint: Setpoint) -> None:
+        drive = self.drive
+        drive.stop_at(setpoint.target)
+        self.setpoint = None
+        if self._queued is not None:
+            self._activate(self._queued)
+            self._queued = None
+            if not drive.controlword & ControlBit.NEW_SETPOINT:
+                self._acknowledged = False
+        else:
+            self._reached = True
+
+
+class Turntable(ProfilePosition):
+    """The manufacturer's mode with angles of one revolution as positions."""
+
+    def _target(self, word: int) -> float:
+        """The nearest absolute position with this angle in the commanded direction."""
+        drive = self.drive
+        if word & ControlBit.RELATIVE:
+            return drive.position + drive.target_position
+        rev = INCREMENTS_PER_REVOLUTION
+        forward = (drive.target_position - drive.position) % rev
+        if word & TURNTABLE.shortest:
+            distance = forward if forward <= rev / 2 else forward - rev
+        elif word & TURNTABLE.ccw:
+            distance = forward - rev if forward else 0.0
+        else:
+            distance = forward
+        return drive.position + distance
+
+
+# Speed and torque modes.
+
+
+class _SpeedMode(ModeOfOperation):
+    """Target Velocity with the ramps of the profile."""
+
+    even = True
+
+    def move(self) -> None:
+        drive = self.drive
+        if drive.halted:
+            drive.target_velocity = 0
+        limit = drive.speed_limit
+        target = min(max(self._demanded(), -limit), limit)
+        drive.limited = drive.against_limit(target)
+        self._follow(0.0 if drive.limited else target)
+
+    def _demanded(self) -> float:
+        return self.drive.target_velocity * self.drive.unit
+
+    def _follow(self, target: float) -> None:
+        drive = self.drive
+        if drive.sine:
+            drive.ramp.sine_squared(target, *drive.sine_times)
+            return
+        acceleration = drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION)
+        acceleration = min(acceleration, TORQUE_ACCELERATION * self._torque() / 1000)
+        drive.ramp.linear(target, acceleration, drive.acceleration(drive.profile_braking, MAX_DECELERATION))
+
+    def _torque(self) -> int:
+        return self.drive.max_torque
+
+
+class ProfileVelocity(_SpeedMode):
+    def bits(self, halted: bool, units: int) -> int:
+        drive = self.drive
+        bits = 0
+        if abs(units) <= drive.read(VELOCITY_THRESHOLD, 0):
+            bits |= StatusBit.MODE_12
+        if abs(units - drive.target_velocity) <= drive.read(VELOCITY_WINDOW, 0):
+            bits |= StatusBit.TARGET_REACHED
+        return bits
+
+
+class SpeedControl(ProfileVelocity):
+    """The manufacturer's speed mode, with a torque limit by PDO."""
+
+    def _torque(self) -> int:
+        drive = self.drive
+        return min(drive.max_torque, drive.dynamic_torque_limit, drive.read(MAX_CURRENT, 0))
+
+
+class VelocityMode(_SpeedMode):
+    """Velocity mode (vl) of frequency converters."""
+
+    def _demanded(self) -> float:
+        return super()._demanded() if self.drive.controlword & VL_RAMP == VL_RAMP else 0.0
+
+    def _follow(self, target: float) -> None:
+        drive = self.drive
+        up, down = (drive.read(index, 1) / max(1, drive.read(index, 2)) for index in (VL_ACCELERATION, VL_DECELERATION))
+        drive.ramp.linear(target, up, down)
+
+
+class CyclicVelocity(_SpeedMode):
+    """The master generates the ramp; the drive follows as fast as possible. Without new setpoints the speed stays."""
+
+    synchronous = True
+
+    def bits(self, halted: bool, units: int) -> int:
+        return follows(self.drive, halted)
+
+    def _follow(self, target: float) -> None:
+        drive = self.drive
+        most = drive.acceleration(drive.read(MAX_ACCELERATION, 0), MAX_ACCELERATION)
+        drive.ramp.linear(target, most, most)
+
+
+class Torque(ModeOfOperation):
+    """Target Torque accelerates the unloaded motor up to a speed limit."""
+
+    even = True
+    makes_torque = True
+
+    def move(self) -> None:
+        drive = self.drive
+        rated = min(1000, drive.read(MAX_CURRENT, 0))
+        torque = 0 if drive.halted else min(max(drive.target_torque, -rated), rated)
+        if torque == 0:
+            self._release()
+        else:
+            rate = TORQUE_ACCELERATION * abs(torque) / 1000
+            target = math.copysign(self._highest(), torque)
+            drive.limited = drive.against_limit(target)
+            drive.ramp.linear(0.0 if drive.limited else target, rate, rate)
+        drive.current_actual = torque
+
+    def _highest(self) -> float:
+        return self.drive.max_rpm
+
+    def _release(self) -> None:
+        """Command zero torque."""
+        drive = self.drive
+        deceleration = drive.acceleration(drive.profile_braking, MAX_DECELERATION)
+        drive.ramp.linear(0.0, deceleration, deceleration)
+
+
+class CyclicTorque(Torque):
+    """Without torque the motor coasts. Without new setpoints the torque stays."""
+
+    synchronous = True
+
+    def bits(self, halted: bool, units: int) -> int:
+        return follows(self.drive, halted)
+
+    def _release(self) -> None:
+        self.drive.slow_down(COAST_DECELERATION)
+
+
+class CurrentControl(Torque):
+    """The manufacturer's torque mode, with a speed limit by PDO."""
+
+    def _highest(self) -> float:
+        return min(super()._highest(), self.drive.dynamic_speed_limit * 0.5)
+
 
 MODES: dict[int, type[ModeOfOperation]] = {
     TURNTABLE.mode: Turntable,

@@ -11,7 +11,7 @@ from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.drive.model.position_modes import ProfilePosition
+from pdgw.peers.drive.model.modes import ProfilePosition
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
 from tests.support.gateways import site
