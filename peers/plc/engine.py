@@ -11,9 +11,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.actions import Access, Order, Set, Wait
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.following import Follow, Following, can_follow
-from pdgw.peers.plc.notation import Scalar, comparison, expected, integer, parse_time, raw_value, written
+from pdgw.peers.plc.notation import Scalar, Word, comparison, expected, find, integer, parse_time, raw_value, written
 from pdgw.peers.plc.scenario import ACTIONS, Scenario, Step
-from pdgw.peers.plc.vocabulary import Word, find
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.client.address import Target, parse_target
 from pdgw.tools.client.session import Element

@@ -15,9 +15,9 @@ from typing import Any, Final
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.notation import words_of
 from pdgw.peers.plc.scenario import ACTIONS, examples
 from pdgw.peers.plc.scenario_file import parse_step, scenario_of
-from pdgw.peers.plc.vocabulary import words_of
 
 StepKeys = Mapping[str, Any]
 """A step of a scenario, as its file has it."""

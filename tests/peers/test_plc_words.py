@@ -14,9 +14,9 @@ from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.following import Follow, Following, PositionLoop
 from pdgw.peers.plc.keyboard import Keyboard
+from pdgw.peers.plc.notation import words_of
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.plc.scenario_file import parse_step, scenario_of
-from pdgw.peers.plc.vocabulary import words_of
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
 from tests.conformance.telegram_bits import gateway
