@@ -2,7 +2,7 @@
 
 | declaration | attributes |
 | --- | --- |
-| ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 and below are no times |
+| ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 and below are not times |
 | ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
 | ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
 | ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
