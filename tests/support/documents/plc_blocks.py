@@ -32,9 +32,6 @@ The tables leave out `Axis` (in and out, PDGW_AXIS) of `PDGW_Axis_Tn` and of all
 `ErrorID` is the number of the reason of an `Error`. Blocks with `Done` or `InVelocity` have `Execute` and `Busy`, all have
 `ErrorID`.
 
-The picture shows MC_Power, MC_Home and MC_MoveAbsolute with the simulated drive of `pdgw run --simulate --telegram 111`, in
-virtual time, 4 ms per cycle: power on, homing at the present position, a move by 0.6 revolutions, power off.
-
 ![Signals of MC_Power, MC_Home and MC_MoveAbsolute, and the position](plc-timing.svg)
 """
 
