@@ -6,6 +6,7 @@ an acknowledge is an edge of this connection.
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 from typing import Final
 
@@ -47,6 +48,17 @@ _NO_PLC: Final = {
 }
 
 
+class Connection(enum.Enum):
+    """The connection of the last request."""
+
+    NONE = "no PLC"
+    CONNECTED = "a PLC"
+    ARMED = "a PLC; the bit of its acknowledge was 0 with the drive in sight, so the next 1 is an edge"
+
+
+_UNCONNECTED, _CONNECTED, _ARMED = Connection
+
+
 @dataclass(slots=True, eq=False)
 class Request:
     """The requests of the PLC up to now: the reaction to one depends on those before it in this connection."""
@@ -55,29 +67,31 @@ class Request:
     """Reaction to a loss of the PLC."""
     resume: bool
     """ENABLE after an OFF ends a ramp stop."""
-    connected: bool = False
-    """The last request was of a PLC."""
+    connection: Connection = Connection.NONE
     off_seen: bool = False
     """With ``resume``: an OFF of this connection came, and no loss of control since."""
     disable_armed: bool = False
     """STW1.3 was 1 during the present stop: its fall to 0 ends that."""
-    acknowledge_armed: bool = False
-    """The bit of the acknowledge was 0 with the drive in sight: the next 1 is an edge."""
+
+    def disarm(self) -> None:
+        """A bit of the acknowledge that is 1 is not an edge."""
+        if self.connection is _ARMED:
+            self.connection = _CONNECTED
 
     def step(self, wish: PowerWish | None, acknowledge: bool, seen: Drive | None, phase: Phase) -> PowerWish:
         """The column of the power table. ``seen``: what the drive shows, None if it does not count."""
         if wish is None:
             wish = self.no_plc
         connected = wish not in NO_PLC
-        if connected is not self.connected:
-            self.connected = connected
-            self.off_seen = self.acknowledge_armed = False
-        if seen is None:
-            self.acknowledge_armed = False
-        elif connected and not acknowledge:
-            self.acknowledge_armed = True
+        if not connected or self.connection is _UNCONNECTED:
+            self.connection = _CONNECTED if connected else _UNCONNECTED
+            self.off_seen = False
         if not connected:
             return max(wish, self.no_plc)
+        if seen is None:
+            self.disarm()
+        elif not acknowledge:
+            self.connection = _ARMED
         if wish in _WITHOUT_DISABLE and not self.disable_armed:
             wish = _WITHOUT_DISABLE[wish]  # a stop that starts with STW1.3 = 0 brakes
         if wish in OFF1S:
@@ -212,7 +226,7 @@ class Interlock:
     def restarted(self) -> None:
         """The drive booted or was configured again: a constant ON may not start it, a constant acknowledge is not an edge."""
         self.phase = CELLS[(self.phase * DRIVES + Drive.RESTARTED) * WISHES + PowerWish.OFF].phase
-        self._request.acknowledge_armed = False
+        self._request.disarm()
         self._steady = -1
         self._commanded.shown = None
 
@@ -256,10 +270,10 @@ class Interlock:
             wish in _ENABLED or (request.disable_armed and cell.phase is phase)
         )
         commanded.done(cell, column, seen, phase, now)
-        if request.connected:
+        if request.connection is not _UNCONNECTED:
             self.plc_was_there = True
         self.reason = Reason.NO_PLC if cell.reason is Reason.PLC_LOST and not self.plc_was_there else cell.reason
         # Operation continues: the next equal cycle has the same result.
         self._steady = status if cell.operating and column is _ENABLE and not acknowledge else -1
-        resets = acknowledge and request.acknowledge_armed and cell.phase in _ACKNOWLEDGES
+        resets = acknowledge and request.connection is _ARMED and cell.phase in _ACKNOWLEDGES
         self.controlword = cell.controlword | ControlBit.FAULT_RESET if resets else cell.controlword

@@ -121,7 +121,8 @@ class AxisMachine:
         if settings.second_sensor is not SecondSensor.NONE and second_words[0] >= 0:
             self.second_sensor = second = SensorWords(1, SecondDriveSensor(feedback), second_words)
         elif second_words[0] >= 0:
-            self.outputs.actuals[second_words[1] : second_words[1] + len(NO_SENSOR)] = NO_SENSOR
+            actuals, first = self.outputs.actuals, second_words[1]
+            actuals[first : first + len(NO_SENSOR)] = NO_SENSOR
         if self.sensor is not None:
             self.sensor.channel.set_references(self.sensor.own.references)
             self.sensor.measure(possible=not settings.g1_is_encoder)
@@ -394,7 +395,7 @@ class AxisMachine:
                     if item.restarted:
                         self.interlock.restarted()
                         self.executor.restarted()
-                    self._set_drive(item.drive_type, item.homing_method)
+                    self.set_drive(item.drive_type, item.homing_method)
                 case SdoAnswer():
                     if outputs.writes == item.writes:
                         outputs.writes = None
@@ -426,7 +427,7 @@ class AxisMachine:
         """Everything the telegram lacks of the drive's units, with the keys that give it."""
         return missing(drive.scaling, self._needed, converts=self._converts)
 
-    def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
+    def set_drive(self, drive: DriveType | None, homing_method: int) -> None:
         """Set the drive. One with unknown 100 % values or without a needed mode blocks operation (fault 104)."""
         self.usable = False
         if drive is None:

@@ -16,6 +16,7 @@ _NO_COAST_STOP: Final = _STW1.bit("NO_COAST_STOP").mask
 _NO_QUICK_STOP: Final = _STW1.bit("NO_QUICK_STOP").mask
 _ON: Final = _STW1.bit("ON").mask
 _ENABLE_OPERATION: Final = _STW1.bit("ENABLE_OPERATION").mask
+_NO_QUICK_STOP_FLAG: Final = Flag.NO_QUICK_STOP
 _CONTROL_BY_PLC: Final = _STW1.bit("CONTROL_BY_PLC").mask
 _FAULT_ACKNOWLEDGE: Final = _STW1.bit("FAULT_ACKNOWLEDGE").mask
 POWER_BITS: Final = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
@@ -134,15 +135,12 @@ class ControlWordAdapter(Adapter):
         self.zsw1 = self.actual("ZSW1")
         self.word: int | None = None
         """The last STW1; None without a PLC."""
-        self._visible = ~0
         self._armed = False
         """STW1.7 was 0 since the PLC has control in this connection: an acknowledge is an edge."""
 
     def take(self, word: int | None) -> bool:
         """Evaluate the bits of STW1 that all telegrams share; None without a PLC. False: the other bits do not count."""
         self.word, demand = word, self.demand
-        # OFF2 has priority over OFF3, and both are shown.
-        self._visible = ~0 if word is None or word & _NO_QUICK_STOP else ~Flag.NO_QUICK_STOP
         if word is None:
             demand.connected = self._armed = False
             demand.in_control = True
@@ -160,5 +158,6 @@ class ControlWordAdapter(Adapter):
         return True
 
     def status(self, flags: int) -> int:
-        """ZSW1 of a report's flags."""
-        return flags & self._visible
+        """ZSW1 of the flags. OFF2 has priority over OFF3, and both are shown."""
+        word = self.word
+        return flags if word is None or word & _NO_QUICK_STOP else flags & ~_NO_QUICK_STOP_FLAG

@@ -70,7 +70,7 @@ class PositionerAdapter(ControlWordAdapter):
             *(self.setpoint(item.name) for item in words)
         )
         fields = [(place, bit) for place, item in enumerate(words) for bit in item.fields(positioning=True)]
-        self._commands = [(place, bit.mask, _COMMANDS[bit.name]) for place, bit in fields if bit.name in _COMMANDS]
+        self._command_bits = [(place, bit.mask, _COMMANDS[bit.name]) for place, bit in fields if bit.name in _COMMANDS]
         self._number = next(field for field in fields if field[1].name in {"BLOCK", "HOMING_METHOD"})
         watched = any(bit.name == "SOFTWARE_LIMITS" for _, bit in fields)
         self._always = 0 if watched else _LIMITS
@@ -93,7 +93,7 @@ class PositionerAdapter(ControlWordAdapter):
         commands, number = request.commands, request.number
         if last is None or controls != self._words(last):
             commands = self._always
-            for place, mask, command in self._commands:
+            for place, mask, command in self._command_bits:
                 if controls[place] & mask:
                     commands |= command
             place, field = self._number
@@ -116,7 +116,7 @@ class _MdiValues:
         self._override = adapter.setpoint("OVERRIDE")
         self._first = adapter.setpoint(*self.NAMES)
         self._zsw2 = adapter.actual("ZSW2")
-        self._position = adapter.actual(self.POSITION)
+        self._xist = adapter.actual(self.POSITION)
 
     def read(self, setpoints: Sequence[int], commands: int, block: int) -> PositionerRequest:
         override = setpoints[self._override]
@@ -134,7 +134,7 @@ class _MdiValues:
 
     def write(self, report: Report, actuals: list[int]) -> None:
         position = report.position
-        actuals[self._position] = position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
+        actuals[self._xist] = position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
         if report.positioner[1] & _TO_FIXED_STOP_SHOWN:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
 
@@ -172,7 +172,7 @@ class _FloatValues(_MdiValues):
 
     def write(self, report: Report, actuals: list[int]) -> None:
         super().write(report, actuals)
-        actuals[self._position] = float_pattern(report.position / self._lu)
+        actuals[self._xist] = float_pattern(report.position / self._lu)
         actuals[self._speed] = float_pattern(report.length_speed / (self._lu * self._minutes))
 
 
@@ -248,7 +248,7 @@ class PositioningAdapter(PositionerAdapter):
         super().__init__(telegram, settings)
         self._first = self.setpoint("MDI_TARPOS", "MDI_VELOCITY", "MDI_ACC", "MDI_DEC")
         self._aktsatz = self.actual("AKTSATZ")
-        self._position = self.actual("XIST_A")
+        self._xist = self.actual("XIST_A")
 
     def requested(self, setpoints: Sequence[int], commands: int, number: int) -> PositionerRequest:
         target, velocity, acceleration, deceleration = setpoints[self._first : self._first + 4]
@@ -258,4 +258,4 @@ class PositioningAdapter(PositionerAdapter):
     def write(self, flags: int, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(flags)
         actuals[self._aktsatz] = report.active
-        actuals[self._position] = report.position
+        actuals[self._xist] = report.position

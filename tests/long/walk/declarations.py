@@ -50,7 +50,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "ASIDE": frozenset({"controlword"}),
         "DATA": frozenset({"profile_acceleration", "profile_deceleration", "profile_velocity", "target_position"}),
     },
-    ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"word", "_visible"})},
+    ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"word"})},
     PositionerAdapter: {"ASIDE": frozenset({"_last"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},

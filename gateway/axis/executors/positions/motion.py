@@ -6,6 +6,7 @@ for a homing whose method the drive has taken; never with the fall of Halt, nor 
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
@@ -44,6 +45,17 @@ _SEEN_REACHED, _ANSWERED = Seen.REACHED, Seen.ANSWERED
 _NOT_ACKNOWLEDGED: Final = warning_bits(FaultNumber.NOT_ACKNOWLEDGED)
 
 
+class _StoppedByHalt(enum.Enum):
+    """The setpoint that Halt has stopped, until another one comes."""
+
+    NONE = "none"
+    STOPPED = "the drive may continue it when Halt falls"
+    CONTINUED = "the drive turned again, or does not show that it has ended its ramp: Halt stays"
+
+
+_NONE, _STOPPED, _CONTINUED = _StoppedByHalt
+
+
 class MotionExecutor(Executor):
     """The positioner of one axis, and its drive."""
 
@@ -59,7 +71,7 @@ class MotionExecutor(Executor):
         self.homing = Homing(self, self._mode)
         self.command.modes_of_operation = self._mode.mode
         self._seen = positioner.seen
-        self._target = CanType.I32.integer_range
+        self._target_range = CanType.I32.integer_range
         """Range of 607Ah."""
         self._position_objects: Mapping[ObjectAddress, int] = {}
         """The drive's values of the objects that define the unit and the sign of positions."""
@@ -72,10 +84,7 @@ class MotionExecutor(Executor):
         self._blocked = False
         """A setpoint waits for the drive to clear its last acknowledge."""
         self._stall = Stall(self.settings.stall_ns)
-        self._halted = False
-        """Halt has stopped a setpoint, and none came since: the drive may continue it when Halt falls."""
-        self._continued = False
-        """It turned again, or does not show that it has ended its ramp: Halt stays."""
+        self._stopped_by_halt = _NONE
         self._bits = 0
         """Controlword bits of the setpoint given last, beside CW.4."""
         self._attained = 0
@@ -84,7 +93,7 @@ class MotionExecutor(Executor):
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         self.homing.method = homing_method
         self.homing.methods = frozenset(drive.homing_methods)
-        self._target = drive.limits("target_position")
+        self._target_range = drive.limits("target_position")
         before, now = self._position_objects, drive.position_objects
         self._position_objects = now
         if any(before.get(address, value) != value for address, value in now.items()):
@@ -114,6 +123,16 @@ class MotionExecutor(Executor):
 
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)
+
+    @property
+    def _halted(self) -> bool:
+        """Halt has stopped a setpoint, and none came since."""
+        return self._stopped_by_halt is not _NONE
+
+    @property
+    def _continued(self) -> bool:
+        """The drive continues it."""
+        return self._stopped_by_halt is _CONTINUED
 
     @property
     def _moved(self) -> bool:
@@ -171,8 +190,8 @@ class MotionExecutor(Executor):
             ramps = action in _RAMPS
             mode.halted = mode.halted or ramps  # the mode does not change while Halt is set
             self._stop()
-            mode.halted = self._halted = ramps
-            extra = HALT if ramps else 0
+            mode.halted = ramps
+            extra = self._halt() if ramps else 0
             self.outputs.end_warnings(_STALLED)
         if before is State.HOMING and positioner.state is not State.HOMING:
             self._forget_homing()
@@ -219,10 +238,14 @@ class MotionExecutor(Executor):
 
     def _rest(self) -> int:
         """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
-        if not self._stays_halted():
-            if self._rests:
-                return 0
-            self._halted = True
+        if not self._stays_halted() and self._rests:
+            return 0
+        return self._halt()
+
+    def _halt(self) -> int:
+        """Halt stops the setpoint."""
+        if self._stopped_by_halt is _NONE:
+            self._stopped_by_halt = _STOPPED
         return HALT
 
     def _execute(self, before: State, reason: Reason | None) -> int:
@@ -256,7 +279,7 @@ class MotionExecutor(Executor):
 
     def _set_point(self, target: int, bits: int) -> None:
         """The handshake begins with this target; the last unit may end beyond what the object can hold."""
-        low, high = self._target
+        low, high = self._target_range
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
         self._set_at = self.inputs.now
@@ -282,14 +305,14 @@ class MotionExecutor(Executor):
 
     def _end_stopped_setpoint(self) -> None:
         """The drive has no stopped setpoint any more."""
-        self._halted = self._continued = False
+        self._stopped_by_halt = _NONE
         self.outputs.end_warnings(_MOVES)
 
     def _stays_halted(self) -> bool:
         """Without a function and after the fall of Halt: whether the drive continues what Halt has stopped."""
         positioner, outputs = self.positioner, self.outputs
         if self._halted and not self._mode.halted and not self.stopped and self._mode.shows_base():
-            self._continued = True
+            self._stopped_by_halt = _CONTINUED
         if self._continued and not self._moved and not self.inputs.standstill:
             positioner.warn(None)
             outputs.warn(FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}")

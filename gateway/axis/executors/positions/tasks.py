@@ -114,7 +114,7 @@ class PositionerExecutor(MotionExecutor):
             drive.entry("current_actual")  # without it a fixed stop is never detected
         self._ring = self._make_ring(scaling, units) if choices.modulo else None
         limits = scaling.position_range
-        distances = _in_length(length, self._target)
+        distances = _in_length(length, self._target_range)
         if self._ring is None or (limits is not None and not scaling.position_wraps):
             positions = distances if limits is None else _in_length(length, limits)
         else:
@@ -306,8 +306,7 @@ class PositionerExecutor(MotionExecutor):
         self.command.target_velocity = 0
         if self._mode.mode == _VELOCITY_MODE:
             return 0
-        self._halted = True
-        return HALT
+        return self._halt()
 
     def _released(self) -> bool:
         """Halt has stopped a setpoint and has fallen: a drive that continues is given the next setpoint or mode at once."""
@@ -331,8 +330,7 @@ class PositionerExecutor(MotionExecutor):
             return 0
         if not kept:
             return self._rest()
-        self._halted = True
-        return HALT
+        return self._halt()
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
         command, goal, (_, highest_acceleration, highest_deceleration) = self.command, motion.goal, self._limits

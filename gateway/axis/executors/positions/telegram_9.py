@@ -51,8 +51,8 @@ class PositioningExecutor(MotionExecutor):
         self._mode.rebase(base_mode(drive, modulo=self._turntable))
         turntable = drive.quirks.turntable
         if turntable is not None:
-            self._turn_bits[Direction.SHORTEST] = turntable.shortest
-            self._turn_bits[Direction.NEGATIVE] = turntable.ccw
+            bits = {Direction.SHORTEST: turntable.shortest, Direction.NEGATIVE: turntable.ccw}
+            self._turn_bits = self._turn_bits | bits
         super().set_drive(drive, homing_method)
         scaling = self._scaling = TaskScaling.of(drive)
         window = drive.position_window
@@ -143,8 +143,7 @@ class PositioningExecutor(MotionExecutor):
             return self._home_as_asked(motion)
         if state is _BRAKING:
             self._end_set_point()
-            self._halted = True
-            return HALT
+            return self._halt()
         if before is _HOMING:
             if self._seen.homing is not HomingResult.RUNNING:
                 outputs.end_warnings(TASK_WARNINGS)
@@ -202,7 +201,7 @@ class PositioningExecutor(MotionExecutor):
         if goal.relative and goal.distance is None:
             target -= self._resumed_at
         if self._turntable:
-            low, high = self._target
+            low, high = self._target_range
             target = (target - low) % (high - low + 1) + low
         self._set_point(target, self._bits_of(goal))
         self._seen.given = motion.serial
