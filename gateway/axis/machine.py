@@ -109,8 +109,6 @@ class AxisMachine:
         self.inputs = Inputs(feedback)
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
         self.demand: Demand = self.adapter.demand
-        self.flags = 0
-        """What the axis shows: bits of ``Flag``."""
         self.interlock = Interlock(settings)
         self._guard = EnableGuard()
         records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.outputs)
@@ -188,10 +186,10 @@ class AxisMachine:
         commanded = outputs.command.controlword
         known = self.usable and not self.units_contradicted
         wish = self._step_power(known, commanded)
-        reason, report = self._step_motion(known, wish)
+        reason, flags, report = self._step_motion(known, wish)
         if self.sensor is not None:
             self._step_sensors(self.sensor)
-        self._write_report(known, report)
+        self._write_report(known, flags, report)
         self._supervise(known, commanded, reason)
         self._write_notes(reason)
         return outputs
@@ -225,8 +223,8 @@ class AxisMachine:
         self.interlock.step(wish, demand.acknowledge, condition, statusword, standstill, inputs.now)
         return wish
 
-    def _step_motion(self, known: bool, wish: PowerWish | None) -> tuple[Reason | None, Report]:
-        """The command to the drive and what it shows; first, why the axis does not do what the PLC requests."""
+    def _step_motion(self, known: bool, wish: PowerWish | None) -> tuple[Reason | None, int, Report]:
+        """The command to the drive and what it shows: why the axis does not do what the PLC requests, all flags, the values."""
         inputs, outputs, interlock, executor = self.inputs, self.outputs, self.interlock, self.executor
         statusword, cell = inputs.feedback.statusword, interlock.cell
         report = executor.step() if known else executor.refuse()
@@ -241,19 +239,22 @@ class AxisMachine:
             if not inputs.drive_ok:
                 executor.lost()
                 reason = reason if known else Reason.DRIVE_OFFLINE
-        self.flags = flags
         if not self.demand.in_control:
             reason = Reason.CONTROL_HELD if self.demand.power is _HOLD and interlock.operates else Reason.NO_CONTROL
         if not self._guard.step(wish, outputs.command.controlword):
-            reason = self._stop_unasked(inputs.now)
-        return reason, report
+            self._stop_unasked(inputs.now)
+            reason, flags = (
+                Reason.NEEDS_OFF,
+                statusword & Flag.OF_THE_DRIVE | SHOWN_UNCOMMANDED[statusword & STATE_MASK],
+            )
+        return reason, flags, report
 
-    def _write_report(self, known: bool, report: Report) -> None:
+    def _write_report(self, known: bool, flags: int, report: Report) -> None:
         """The actual values of the telegram."""
         inputs, outputs = self.inputs, self.outputs
-        self.adapter.write(self.flags, report, outputs.actuals)
+        self.adapter.write(flags, report, outputs.actuals)
         if self._words.any:
-            self._words.step(self.flags, inputs, outputs, known=known)
+            self._words.step(flags, inputs, outputs, known=known)
         outputs.good = inputs.drive_ok
         outputs.released = self.interlock.released
 
@@ -342,17 +343,14 @@ class AxisMachine:
         detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
         self.outputs.found.append((number, detail + f"speed {feedback.velocity_actual}"))
 
-    def _stop_unasked(self, now: int) -> Reason:
+    def _stop_unasked(self, now: int) -> None:
         """The last line: an Enable Operation that the PLC did not ask for is not sent."""
         command = self.outputs.command
         detail = f"Controlword {command.controlword:04X}h, Statusword {self.inputs.feedback.statusword:04X}h"
         command.controlword = CONTROLWORDS[Action.QUICK_STOP]
         command.target_velocity = command.target_torque = 0
-        shown = SHOWN_UNCOMMANDED[self.inputs.feedback.statusword & STATE_MASK]
-        self.flags = self.inputs.feedback.statusword & Flag.OF_THE_DRIVE | shown
         self.interlock.distrust()
         self.outputs.fault(gateway_fault(FaultNumber.ENABLE_UNASKED, detail, now))
-        return Reason.NEEDS_OFF
 
     def _without_control(self) -> None:
         """STW1.10 = 0: if control is removed in operation, stop the axis and report it."""

@@ -128,7 +128,7 @@ class Axis(DriveObject):
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.rpdos.set_point_refused
         if machine.shows_codes:
-            if not machine.flags & SHOWN_FAULT:
+            if not machine.outputs.actuals[0] & SHOWN_FAULT:  # ZSW1
                 self._sound_until = now
             inputs.fault_code = self.fault_log.fault_code(self._sound_until - EMERGENCY_PATIENCE_NS)
             inputs.warning_code = self.fault_log.warning_code(machine.outputs.warning)

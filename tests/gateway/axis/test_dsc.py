@@ -292,7 +292,7 @@ def test_an_axis_that_a_limit_switch_stopped_does_not_move_on_when_it_is_release
     limit_switch(rig, reached=True)
     rig.step(400)
     assert rig.stepper.reason is Reason.STOPPED_AT_LIMIT
-    assert not rig.stepper.machine.flags & Flag.REACHED, "nobody turns at the setpoint"
+    assert not rig.actuals["ZSW1"] & Flag.REACHED, "nobody turns at the setpoint"
     limit_switch(rig, reached=False)
     rig.step(200)
     assert rig.feedback.velocity_actual == 0
