@@ -69,13 +69,10 @@ from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
-_WARNING: Final = Flag.WARNING
 _WITHOUT_BRAKE: Final = (Limit.NONE, *QUICK_STOPS)
 _AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
 _SET_POINT: Final = warning_bits(FaultNumber.SET_POINT)
 _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
-_INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
-_HALT: Final = ControlBit.HALT
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _PASS: Final = Action.PASS
 _HOLD: Final = PowerWish.HOLD
@@ -233,7 +230,7 @@ class AxisMachine:
         if known and inputs.drive_ok:
             flags |= report.flags | (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
             if outputs.warned or self._control_lost:
-                flags |= _WARNING
+                flags |= Flag.WARNING
         else:
             flags |= SHOWN_FAULT
             if not inputs.drive_ok:
@@ -281,7 +278,7 @@ class AxisMachine:
                 outputs.known_off = False  # it may have received Enable Operation and not shown it
         if drive.fault_since:
             drive.step(self._node, inputs.now)
-        halts = command.controlword & _HALT != 0 and action is _ENABLE_OPERATION
+        halts = command.controlword & ControlBit.HALT != 0 and action is _ENABLE_OPERATION
         if cell.limit or halts or self._operation.limit or self._halt.began >= 0 or self._stop.began >= 0:
             self._watch_stops(cell.limit, halts)
         if self.demand.acknowledge or self.acknowledgement.waits:
@@ -327,7 +324,7 @@ class AxisMachine:
         if self.inputs.set_point_refused:
             warning |= _SET_POINT
             reason = Reason.SET_POINT_REFUSED if reason is None else reason
-        if self._drive.shown & _INTERNAL_LIMIT:
+        if self._drive.shown & StatusBit.INTERNAL_LIMIT:
             warning |= _AT_LIMIT
             reason = Reason.INTERNAL_LIMIT if reason is None else reason
         if self._control_lost:

@@ -11,7 +11,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
 from pdgw.gateway.axis.adapters.adapter import Adapter
 from pdgw.gateway.axis.adapters.position_words import BasicPositionerAdapter, PositioningAdapter
-from pdgw.gateway.axis.adapters.speed_words import DscAdapter, SpeedAdapter, TorqueAdapter
+from pdgw.gateway.axis.adapters.speed_words import DscAdapter, SpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.errors import GatewayError
@@ -202,10 +202,8 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
 def _adapter(kind: Kind, chosen: Telegram, settings: AxisSettings) -> Adapter:
     if kind is Kind.DSC:
         return DscAdapter(chosen, settings)
-    if kind is Kind.SPEED or kind is Kind.LOAD:
+    if kind in (Kind.SPEED, Kind.LOAD, Kind.TORQUE):
         return SpeedAdapter(chosen, settings)
-    if kind is Kind.TORQUE:
-        return TorqueAdapter(chosen, settings)
     if kind is Kind.POSITIONING:
         return PositioningAdapter(chosen, settings)
     if kind is Kind.POSITIONER:

@@ -26,7 +26,7 @@ _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOM
 _DO_NOT_REJECT, _NO_INTERMEDIATE_STOP, _MDI_SELECTED = Command.DO_NOT_REJECT, Command.NO_INTERMEDIATE_STOP, Command.MDI
 _SELECTED = _DO_NOT_REJECT | _MDI_SELECTED
 _HOMES = _DO_NOT_REJECT | HOME
-_OPERATING, _STOPPED = Seen.OPERATING, Seen.STOPPED
+_STOPPED = Seen.STOPPED
 
 
 class MdiDrive(Protocol):
@@ -64,7 +64,7 @@ class MdiPositioner(Positioner):
 
     def step(self, request: PositionerRequest, now: int) -> Reason | None:
         self.request = request
-        course, before, operating = self.course, self.state, self.seen.bits & _OPERATING != 0
+        course, before, operating = self.course, self.state, self.seen.bits & Seen.OPERATING != 0
         course.look()
         if request.commands != self._commands or self._edges:
             self._edges = self._find_edges()

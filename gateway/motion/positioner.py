@@ -38,7 +38,7 @@ SHOWN_NS: Final = 100 * MS
 ACTIVATE, HOME = Command.ACTIVATE_TASK, Command.START_HOMING
 _DO_NOT_REJECT, _MDI_SELECTED, _ABSOLUTE = Command.DO_NOT_REJECT, Command.MDI, Command.ABSOLUTE
 _NO_INTERMEDIATE_STOP, _SETTING_UP_SELECTED = Command.NO_INTERMEDIATE_STOP, Command.SETTING_UP
-_JOG_2, _JOG_INCREMENTAL, _TRACKS = Command.JOG_2_ON, Command.JOG_INCREMENTAL, Command.TRACKING
+_JOG_INCREMENTAL, _TRACKS = Command.JOG_INCREMENTAL, Command.TRACKING
 _SOFTWARE_LIMITS, _HARDWARE_LIMITS = Command.SOFTWARE_LIMITS, Command.HARDWARE_LIMITS
 _PASSIVE_HOMING: Final = Command.PASSIVE_HOMING
 RISING: Final = ACTIVATE | HOME | Command.EXTERNAL_BLOCK_CHANGE | Command.SET_REFERENCE_POINT
@@ -58,9 +58,7 @@ _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLO
 
 _OFF, _IDLE, _MDI, _SETTING_UP = State.OFF, State.IDLE, State.MDI, State.SETTING_UP
 _HOMING, _TRACKING = State.HOMING, State.TRACKING
-_MDI_TASK, _SETTING_UP_TASK, _BLOCK_TASK = Event.MDI, Event.SETTING_UP, Event.BLOCK
-_SHORTEST, _POSITIVE = Direction.SHORTEST, Direction.POSITIVE
-_REJECTED = Reason.REJECTED
+_SETTING_UP_TASK, _BLOCK_TASK = Event.SETTING_UP, Event.BLOCK
 HELD = {Reason.LOST_EDGE: ACTIVATE, Reason.EARLY_EDGE: ACTIVATE, Reason.LOST_HOMING: HOME}
 """Warnings of an edge that started nothing, with its bit. They end with the next task, with operation, or (all but the first)
 with 0 in the bit."""
@@ -84,8 +82,7 @@ class PassiveHoming(enum.Enum):
 
 _NOT_OWED: Final = Acknowledge.NONE
 _NOT_PASSIVE, _ARMED, _OVER = PassiveHoming.OFF, PassiveHoming.ARMED, PassiveHoming.OVER
-_OPERATING, _STANDSTILL = Seen.OPERATING, Seen.STANDSTILL
-_NEGATIVE_LIMIT, _POSITIVE_LIMIT = Seen.NEGATIVE_LIMIT, Seen.POSITIVE_LIMIT
+_STANDSTILL = Seen.STANDSTILL
 _FIRST = {bit.name: bit.mask for bit in signal("POS_ZSW1").bits}
 _SECOND = {bit.name: bit.mask for bit in signal("POS_ZSW2").bits}
 _FUNCTION_BITS = dict.fromkeys(State, 0) | {
@@ -155,7 +152,7 @@ class Positioner:
     def _events(self) -> dict[Event, Callable[[], int]]:
         """The checks of the events."""
         return {
-            Event.NOT_OPERATING: lambda: not self.seen.bits & _OPERATING,
+            Event.NOT_OPERATING: lambda: not self.seen.bits & Seen.OPERATING,
             Event.REJECTED: lambda: not self.request.commands & _DO_NOT_REJECT,
             Event.HOMING_WITHDRAWN: lambda: not self.request.commands & HOME,
         }
@@ -170,11 +167,6 @@ class Positioner:
             Action.REPLACE: self._start,
             Action.HOME: self._start_homing,
         }
-
-    @property
-    def expects_end(self) -> bool:
-        """The axis is at standstill, and the end of its motion to a position is due."""
-        return self.course.expects_end()
 
     @property
     def way(self) -> int:
@@ -266,7 +258,7 @@ class BasicPositioner(Positioner):
     def _events(self) -> dict[Event, Callable[[], int]]:
         return {
             **super()._events(),
-            Event.OPERATING: lambda: self.seen.bits & _OPERATING,
+            Event.OPERATING: lambda: self.seen.bits & Seen.OPERATING,
             Event.TASK_REFUSED: lambda: self._pending is not None and self._pending.refusal is not None,
             Event.MDI: lambda: self._pending is not None and self._pending.event is Event.MDI,
             Event.SETTING_UP: lambda: self._pending is not None and self._pending.event is Event.SETTING_UP,
@@ -332,7 +324,7 @@ class BasicPositioner(Positioner):
 
     def step(self, request: PositionerRequest, now: int) -> Reason | None:
         self.request, self._now = request, now
-        course, commands, operating = self._course, request.commands, self.seen.bits & _OPERATING != 0
+        course, commands, operating = self._course, request.commands, self.seen.bits & Seen.OPERATING != 0
         if self._acknowledge is not _NOT_OWED:
             self._acknowledge_task()
         course.watch_limits(commands & _SOFTWARE_LIMITS != 0 and self.home_set)
@@ -356,7 +348,7 @@ class BasicPositioner(Positioner):
 
     def _reason(self, commands: int) -> Reason | None:
         """Why nothing moves just now."""
-        reason = self._course.held or (None if commands & _DO_NOT_REJECT else _REJECTED) or self._course.warning
+        reason = self._course.held or (None if commands & _DO_NOT_REJECT else Reason.REJECTED) or self._course.warning
         jog = commands & _JOGS and not commands & _JOG_INCREMENTAL
         if jog and self.state is _IDLE and reason is None and not self._jog_asked():
             return Reason.LOST_JOG
@@ -367,7 +359,7 @@ class BasicPositioner(Positioner):
     def _read_request(self) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
         edges = self._find_edges()
-        operating, commands = self.seen.bits & _OPERATING != 0, self.request.commands
+        operating, commands = self.seen.bits & Seen.OPERATING != 0, self.request.commands
         if not operating:
             self._commands &= ~RISING
         accepts = commands & _DO_NOT_REJECT
@@ -411,13 +403,13 @@ class BasicPositioner(Positioner):
             event = _BLOCK_TASK
             refusal = self._chain.refusal(request.number)
         else:
-            event = _SETTING_UP_TASK if commands & _SETTING_UP_SELECTED else _MDI_TASK
+            event = _SETTING_UP_TASK if commands & _SETTING_UP_SELECTED else Event.MDI
             if not velocity:
                 refusal = Reason.TASK_SPEED_ZERO
             elif request.acceleration <= 0 or request.deceleration <= 0:
                 refusal = Reason.TASK_RAMP_ZERO
             elif event is _SETTING_UP_TASK:
-                refusal = Reason.TASK_DIRECTION if direction is _SHORTEST else None
+                refusal = Reason.TASK_DIRECTION if direction is Direction.SHORTEST else None
             elif commands & DIRECTIONS == DIRECTIONS and self.choices.modulo and absolute:
                 refusal = Reason.TASK_DIRECTION
             elif not self._course.in_range(target, absolute, direction):
@@ -517,7 +509,7 @@ class BasicPositioner(Positioner):
     def _pursue(self, task: _Task) -> None:
         velocity, acceleration, deceleration = task.velocity, task.acceleration, task.deceleration
         if task.event is _SETTING_UP_TASK:
-            self._course.go(velocity if task.direction is _POSITIVE else -velocity, acceleration, deceleration)
+            self._course.go(velocity if task.direction is Direction.POSITIVE else -velocity, acceleration, deceleration)
         else:
             torque = self.choices.clamping_torque if self.request.to_fixed_stop else None
             absolute = task.how & _ABSOLUTE != 0
@@ -526,7 +518,7 @@ class BasicPositioner(Positioner):
     def _start_jog(self) -> None:
         self._begin()
         self._jog = self._jog_bit()
-        place = self._jog == _JOG_2
+        place = self._jog == Command.JOG_2_ON
         velocity = self.choices.jog_velocities[place]
         if self.request.commands & _JOG_INCREMENTAL:
             self._armed &= ~self._jog
@@ -597,9 +589,9 @@ class BasicPositioner(Positioner):
         if self._passive_homing is _ARMED:
             first |= _FIRST["PASSIVE_HOMING"]
         if self.request.commands & _HARDWARE_LIMITS:
-            if seen & _NEGATIVE_LIMIT:
+            if seen & Seen.NEGATIVE_LIMIT:
                 first |= _FIRST["NEGATIVE_HARDWARE_LIMIT"]
-            if seen & _POSITIVE_LIMIT:
+            if seen & Seen.POSITIVE_LIMIT:
                 first |= _FIRST["POSITIVE_HARDWARE_LIMIT"]
         second = self._chain.outputs << _OUTPUT_1
         if reached:

@@ -210,22 +210,22 @@ class HomingResult(enum.Enum):
     FAILED = "failed"
 
 
-class Seen(enum.IntEnum):
+class Seen:
     """What an axis shows in a step, one bit each."""
 
-    OPERATING = 1 << 0
+    OPERATING: Final = 1 << 0
     """Operation is enabled, and a PLC in control requests it."""
-    STANDSTILL = 1 << 1
-    STOPPED = 1 << 2
+    STANDSTILL: Final = 1 << 1
+    STOPPED: Final = 1 << 2
     """The axis is at standstill, the drive has ended its ramp, and no setpoint is on its way that may still start."""
-    REACHED = 1 << 3
+    REACHED: Final = 1 << 3
     """The drive reports its target reached, for the motion it executes."""
-    ANSWERED = 1 << 4
+    ANSWERED: Final = 1 << 4
     """It does so in answer to the setpoint: not since before it."""
-    INTERNAL_LIMIT = 1 << 5
-    NEGATIVE_LIMIT = 1 << 6
-    POSITIVE_LIMIT = 1 << 7
-    TORQUE_AT_LIMIT = 1 << 8
+    INTERNAL_LIMIT: Final = 1 << 5
+    NEGATIVE_LIMIT: Final = 1 << 6
+    POSITIVE_LIMIT: Final = 1 << 7
+    TORQUE_AT_LIMIT: Final = 1 << 8
 
 
 @dataclass(slots=True, eq=False)

@@ -34,7 +34,6 @@ stops it. A drive with a limited speed has left standstill by then.
 """
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
 _NO_INTERMEDIATE_STOP: Final = Command.NO_INTERMEDIATE_STOP
-_STANDSTILL, _ANSWERED = Seen.STANDSTILL, Seen.ANSWERED
 _ARRIVED: Final = Seen.REACHED | Seen.STANDSTILL
 _STOPPED_AT_LIMIT: Final = Seen.INTERNAL_LIMIT | Seen.STANDSTILL
 _PRESSES: Final = Seen.STANDSTILL | Seen.TORQUE_AT_LIMIT
@@ -90,7 +89,7 @@ class Course:
         if seen.bits & _ARRIVED != _ARRIVED or not self._executes():
             return False
         if window is None or goal is None or goal.distance is not None:
-            return seen.bits & _ANSWERED != 0
+            return seen.bits & Seen.ANSWERED != 0
         return abs(goal.target - seen.position) <= window
 
     def _executes(self) -> bool:
@@ -101,7 +100,7 @@ class Course:
     def expects_end(self) -> bool:
         """The end of a motion to a position is due at standstill. At a fixed stop the axis is meant to press on."""
         goal = self.goal
-        if goal is None or goal.torque is not None or not self.seen.bits & _STANDSTILL:
+        if goal is None or goal.torque is not None or not self.seen.bits & Seen.STANDSTILL:
             return False
         return self._executes() and not self.arrived()
 

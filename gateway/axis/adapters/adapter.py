@@ -16,7 +16,6 @@ _NO_COAST_STOP: Final = _STW1.bit("NO_COAST_STOP").mask
 _NO_QUICK_STOP: Final = _STW1.bit("NO_QUICK_STOP").mask
 _ON: Final = _STW1.bit("ON").mask
 _ENABLE_OPERATION: Final = _STW1.bit("ENABLE_OPERATION").mask
-_NO_QUICK_STOP_FLAG: Final = Flag.NO_QUICK_STOP
 _CONTROL_BY_PLC: Final = _STW1.bit("CONTROL_BY_PLC").mask
 _FAULT_ACKNOWLEDGE: Final = _STW1.bit("FAULT_ACKNOWLEDGE").mask
 POWER_BITS: Final = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
@@ -160,4 +159,4 @@ class ControlWordAdapter(Adapter):
     def status(self, flags: int) -> int:
         """ZSW1 of the flags. OFF2 has priority over OFF3, and both are shown."""
         word = self.word
-        return flags if word is None or word & _NO_QUICK_STOP else flags & ~_NO_QUICK_STOP_FLAG
+        return flags if word is None or word & _NO_QUICK_STOP else flags & ~Flag.NO_QUICK_STOP

@@ -36,6 +36,7 @@ class SpeedAdapter(ControlWordAdapter):
         setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints)
         actual, self._actual_factor = _speed_signal(telegram.actuals)
         self._setpoint, self._actual = self.setpoint(setpoint), self.actual(actual)
+        self._torque = self.setpoint("MOMRED")
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
         self._jogs = self._profidrive and settings.jog_speeds_rpm is not None
 
@@ -43,14 +44,16 @@ class SpeedAdapter(ControlWordAdapter):
         word, demand = None if setpoints is None else setpoints[self.stw1], self._asked
         if word != self.word:
             self._evaluate(word, demand)
-        if setpoints is not None and demand.in_control and demand.speed_wish is _FOLLOW_SPEED:
-            demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+        if setpoints is not None and demand.in_control:
+            if demand.speed_wish is _FOLLOW_SPEED:
+                demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+            if self._torque >= 0:
+                demand.torque_reduction = setpoints[self._torque]
 
     def _evaluate(self, word: int | None, demand: SpeedDemand) -> None:
-        controlled = self.take(word)
         if word is None:
             demand.device_bits = 0
-        if word is None or not controlled:
+        if not self.take(word) or word is None:
             return
         demand.device_bits = word & DEVICE_BITS
         if word & _FOLLOW == _FOLLOW:
@@ -68,21 +71,7 @@ class SpeedAdapter(ControlWordAdapter):
         actuals[self._actual] = speed // factor if speed >= 0 else -(-speed // factor)
 
 
-class TorqueAdapter(SpeedAdapter):
-    """Telegrams with a torque reduction."""
-
-    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram, settings)
-        self._torque = self.setpoint("MOMRED")
-
-    def read(self, setpoints: Sequence[int] | None) -> None:
-        super().read(setpoints)
-        demand = self._asked
-        if setpoints is not None and demand.in_control and self._torque >= 0:
-            demand.torque_reduction = setpoints[self._torque]
-
-
-class DscAdapter(TorqueAdapter):
+class DscAdapter(SpeedAdapter):
     """Telegrams 5, 6, 105 and 106: the speed is in force whatever STW1.4 to .6 are, unless .5 alone is 0 (freeze)."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:

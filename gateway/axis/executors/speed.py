@@ -26,10 +26,8 @@ _FOLLOW: Final = SpeedWish.FOLLOW
 _FREEZE: Final = SpeedWish.FREEZE
 _ZERO: Final = SpeedWish.ZERO
 _JOGS: Final = (SpeedWish.JOG_1, SpeedWish.JOG_2)
-_INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _REACHED: Final = Flag.REACHED
 _UNREPORTED: Final = (Mode.VL_VELOCITY, Mode.CYCLIC_VELOCITY)
-_WITHIN_TOLERANCE: Final = Flag.WITHIN_TOLERANCE
 
 
 class SpeedExecutor(Executor):
@@ -113,7 +111,7 @@ class SpeedExecutor(Executor):
             reason = self._replace_setpoint(demand.speed_wish)
         target = self._target
         statusword = feedback.statusword
-        if self._stopped or statusword & _INTERNAL_LIMIT:
+        if self._stopped or statusword & StatusBit.INTERNAL_LIMIT:
             target = self._held_at_limit(target)
             if self._stopped and reason is None:
                 reason = Reason.STOPPED_AT_LIMIT
@@ -127,7 +125,7 @@ class SpeedExecutor(Executor):
         flags = _REACHED if self._reached(target, statusword, feedback.velocity_actual) else 0
         # Without a demand value the difference would be large.
         if -self._tolerance <= feedback.velocity_actual - feedback.velocity_demand <= self._tolerance:
-            flags |= _WITHIN_TOLERANCE
+            flags |= Flag.WITHIN_TOLERANCE
         return Report(reason, flags, 0 if actual is None else actual.to_wire(feedback.velocity_actual))
 
     def _replace_setpoint(self, wish: SpeedWish) -> Reason | None:

@@ -35,7 +35,6 @@ _MESSAGE_STATES = tuple(
     MessageWord.states(enabled=state in _ENABLED_STATES, ready=state in _READY_STATES) for state in STATE_OF_STATUS
 )
 """By the Statusword under ``STATE_MASK``."""
-_TARGET_REACHED = StatusBit.TARGET_REACHED
 
 
 class DriveWords:
@@ -83,7 +82,7 @@ def message_of(message: MessageWord, feedback: DriveFeedback, outputs: Outputs) 
         feedback.velocity_demand,
         feedback.current_actual,
         _MESSAGE_STATES[statusword & STATE_MASK],
-        target_reached=statusword & _TARGET_REACHED != 0,
+        target_reached=statusword & StatusBit.TARGET_REACHED != 0,
         motor_hot=outputs.motor_hot,
         stage_hot=outputs.stage_hot,
     )

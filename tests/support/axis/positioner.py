@@ -111,7 +111,7 @@ class PositionerRig:
     def seen(self) -> PositionerFeedback:
         return self.positioner.seen
 
-    def show(self, bit: Seen, shows: object) -> None:
+    def show(self, bit: int, shows: object) -> None:
         """What the axis shows from now on."""
         self.seen.bits = self.seen.bits | bit if shows else self.seen.bits & ~bit
 

@@ -27,7 +27,6 @@ _SPEEDS = (1, 2)
 """Sub-indices of 6099h: to the switch, to the zero."""
 _ATTAINED, _REACHED = StatusBit.MODE_12, StatusBit.TARGET_REACHED
 _ENDED = _ATTAINED | _REACHED
-_ERROR = StatusBit.MODE_13
 _METHOD: Final = warning_bits(FaultNumber.HOMING_METHOD)
 _REFUSED: Final = warning_bits(FaultNumber.HOMING_PARAMETERS)
 TASK_WARNINGS: Final = warning_bits(
@@ -151,7 +150,7 @@ class Homing:
             self._turned_ended = True
         if inputs.now - self._started < self._latency:
             return HomingResult.RUNNING
-        if statusword & _ERROR:
+        if statusword & StatusBit.MODE_13:
             return self._failed("homing error", statusword)
         if ended and inputs.standstill and not self._turned_ended:
             return HomingResult.ATTAINED

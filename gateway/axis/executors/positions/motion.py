@@ -40,8 +40,6 @@ _NO_STOP_OF_A_TASK: Final = Command.NO_INTERMEDIATE_STOP | Command.JOG_1_ON | Co
 _RAMPS = (Action.RAMP, Action.RAMP_END)
 _STALLED: Final = warning_bits(FaultNumber.STALLED)
 _MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
-_OPERATING, _STANDSTILL, _INTERNAL_LIMIT = Seen.OPERATING, Seen.STANDSTILL, Seen.INTERNAL_LIMIT
-_SEEN_REACHED, _ANSWERED = Seen.REACHED, Seen.ANSWERED
 _NOT_ACKNOWLEDGED: Final = warning_bits(FaultNumber.NOT_ACKNOWLEDGED)
 
 
@@ -157,7 +155,7 @@ class MotionExecutor(Executor):
         its speed."""
         if not self.settings.intermediate_stop_reached:
             return False
-        if not self._seen.bits & _OPERATING or request.commands & _NO_STOP_OF_A_TASK:
+        if not self._seen.bits & Seen.OPERATING or request.commands & _NO_STOP_OF_A_TASK:
             return False
         return self.stopped and (self._mode.shows_base() or self.feedback.velocity_actual == 0)
 
@@ -169,13 +167,13 @@ class MotionExecutor(Executor):
         bits = 0
         if operates:
             self.outputs.reason = None
-            bits = _OPERATING
+            bits = Seen.OPERATING
         mode.read()
         self._taking.read(self._acknowledges, inputs.now)
         if inputs.standstill:
-            bits |= _STANDSTILL
+            bits |= Seen.STANDSTILL
         if statusword & StatusBit.INTERNAL_LIMIT:
-            bits |= _INTERNAL_LIMIT
+            bits |= Seen.INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
         reason = positioner.step(self._asked.motion, inputs.now)
         self._blocked = False
@@ -208,8 +206,8 @@ class MotionExecutor(Executor):
         if not executes or not self._mode.shows_base():
             return 0
         reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
-        bits = _SEEN_REACHED if reached else 0
-        return bits | _ANSWERED if self._arrival.read(reached, self.inputs.now) else bits
+        bits = Seen.REACHED if reached else 0
+        return bits | Seen.ANSWERED if self._arrival.read(reached, self.inputs.now) else bits
 
     def _executes_next(self) -> None:
         """The drive begins to execute the setpoint that it has taken."""
@@ -222,7 +220,7 @@ class MotionExecutor(Executor):
         reason: Reason | None = None
         if self._blocked and inputs.standstill:
             reason = Reason.SETPOINT_BLOCKED
-        elif self._seen.taken == self._seen.given and self.positioner.expects_end:
+        elif self._seen.taken == self._seen.given and self.positioner.course.expects_end():
             following_error = statusword & StatusBit.MODE_13 and self._mode.shows_base()
             reached = statusword & StatusBit.TARGET_REACHED
             missing = Reason.FOLLOWING_ERROR if following_error else Reason.NOT_REACHED

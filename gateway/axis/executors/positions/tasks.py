@@ -42,11 +42,6 @@ from pdgw.profidrive.normalisation import Normalisation
 _STAND, _POSITION, _HOMING = MotionKind.STAND, MotionKind.POSITION, MotionKind.HOMING
 _POSITION_MODE, _VELOCITY_MODE, _HOMING_MODE = Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value
 _WITHOUT_FUNCTION = (State.IDLE, State.TRACKING, State.BRAKING)
-_STANDING, _REACHED, _WITHIN_TOLERANCE = Flag.STANDING, Flag.REACHED, Flag.WITHIN_TOLERANCE
-_HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
-_PROBE_2, _PROBE_FALLING_EDGE = Command.PROBE_2, Command.PROBE_FALLING_EDGE
-_OPERATING, _STANDSTILL = Seen.OPERATING, Seen.STANDSTILL
-_NEGATIVE_LIMIT, _POSITIVE_LIMIT = Seen.NEGATIVE_LIMIT, Seen.POSITIVE_LIMIT
 _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
@@ -181,7 +176,9 @@ class PositionerExecutor(MotionExecutor):
         self._seen.probe = outputs.probe = None
         if self._basic.armed:
             commands = request.commands
-            outputs.probe = ProbeWish((2 * (commands & _PROBE_2 != 0) + (commands & _PROBE_FALLING_EDGE != 0),))
+            outputs.probe = ProbeWish(
+                (2 * (commands & Command.PROBE_2 != 0) + (commands & Command.PROBE_FALLING_EDGE != 0),)
+            )
 
     def step(self) -> Report:
         units, conversion, reason = self._units, self._speed, self.interlock.reason
@@ -190,7 +187,7 @@ class PositionerExecutor(MotionExecutor):
         positioner, feedback, outputs = self._basic, self.feedback, self.outputs
         course, before = positioner.course, positioner.course.warning
         why = self._cycle()
-        request, operating = positioner.request, self._seen.bits & _OPERATING != 0
+        request, operating = positioner.request, self._seen.bits & Seen.OPERATING != 0
         if positioner.armed is (outputs.probe is None):
             self._probe(request)
         if operating:
@@ -203,7 +200,7 @@ class PositionerExecutor(MotionExecutor):
         reached = positioner.reached and (not self._continued or self.stopped)
         flags = self._flags(reached=reached)
         if self._stop_reached(request):
-            flags |= _REACHED
+            flags |= Flag.REACHED
         speed = conversion.to_wire(feedback.velocity_actual)
         length_speed = units.to_length_speed(feedback.velocity_actual)
         words = positioner.words(speed, reached=reached)
@@ -218,15 +215,15 @@ class PositionerExecutor(MotionExecutor):
 
     def _flags(self, *, reached: bool) -> int:
         positioner = self._basic
-        flags = _STANDING if self._seen.bits & _STANDSTILL else 0
+        flags = Flag.STANDING if self._seen.bits & Seen.STANDSTILL else 0
         if reached:
-            flags |= _REACHED
+            flags |= Flag.REACHED
         if positioner.home_set:
-            flags |= _HOME_SET
+            flags |= Flag.HOME_SET
         if positioner.acknowledged:
-            flags |= _TASK_ACKNOWLEDGED
+            flags |= Flag.TASK_ACKNOWLEDGED
         following_error = self.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
-        return flags if following_error else flags | _WITHIN_TOLERANCE
+        return flags if following_error else flags | Flag.WITHIN_TOLERANCE
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
@@ -240,9 +237,9 @@ class PositionerExecutor(MotionExecutor):
         if torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (_AT_LIMIT - 1):
             bits = Seen.TORQUE_AT_LIMIT
         if inputs & NEGATIVE_LIMIT_SWITCH:
-            bits |= _NEGATIVE_LIMIT
+            bits |= Seen.NEGATIVE_LIMIT
         if inputs & POSITIVE_LIMIT_SWITCH:
-            bits |= _POSITIVE_LIMIT
+            bits |= Seen.POSITIVE_LIMIT
         executes = False
         if self._set_at >= 0:
             if self._read_acknowledge():

@@ -22,11 +22,8 @@ from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 
-_STANDING, _REACHED = Flag.STANDING, Flag.REACHED
-_HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
-_ACTIVATE, _ABSOLUTE, _MDI_SELECTED = Command.ACTIVATE_TASK, Command.ABSOLUTE, Command.MDI
+_ACTIVATE, _MDI_SELECTED = Command.ACTIVATE_TASK, Command.MDI
 _IDLE, _HOMING, _BRAKING = State.IDLE, State.HOMING, State.BRAKING
-_OPERATING, _STOPPED = Seen.OPERATING, Seen.STOPPED
 _ACTUAL_METHOD = signal("AKTSATZ").bit("HOMING_METHOD").mask
 _MDI_ACTIVE = signal("AKTSATZ").bit("MDI_ACTIVE").mask
 _ENABLED = (Action.ENABLE_OPERATION, Action.RAMP)
@@ -71,20 +68,20 @@ class PositioningExecutor(MotionExecutor):
         self._cycle()
         mdi = self._mdi
         request, homes = mdi.request, mdi.state is _HOMING
-        flags = _STANDING if self.inputs.standstill else 0
-        if self._seen.bits & _OPERATING:
+        flags = Flag.STANDING if self.inputs.standstill else 0
+        if self._seen.bits & Seen.OPERATING:
             reason = self.outputs.reason or mdi.course.warning
             waits = mdi.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
-                flags |= _REACHED
+                flags |= Flag.REACHED
         if self._stop_reached(request):
-            flags |= _REACHED
+            flags |= Flag.REACHED
         if mdi.home_set:
-            flags |= _HOME_SET
+            flags |= Flag.HOME_SET
         if not homes:
             of_the_task = mdi.course.motion.first <= self._seen.given
             if self._acknowledges and of_the_task:
-                flags |= _TASK_ACKNOWLEDGED
+                flags |= Flag.TASK_ACKNOWLEDGED
             selected = request.commands & _MDI_SELECTED != 0
             self._active = self.interlock.action in _ENABLED and self.demand.connected and selected
         active = self.homing.method & _ACTUAL_METHOD | (_MDI_ACTIVE if self._active else 0)
@@ -108,7 +105,7 @@ class PositioningExecutor(MotionExecutor):
         """Convert a task to the drive's units."""
         scaling, limited = self._scaling, self.limited
         assert scaling is not None, "tasks start in operation, which needs the drive"
-        absolute = request.commands & _ABSOLUTE != 0
+        absolute = request.commands & Command.ABSOLUTE != 0
         target = limited(scaling.position if absolute else scaling.relative, request.target)
         velocity = limited(scaling.velocity, request.velocity)
         acceleration = limited(scaling.acceleration, request.acceleration)
@@ -129,7 +126,7 @@ class PositioningExecutor(MotionExecutor):
     def _read_state(self) -> int:
         seen = self._seen
         seen.position = self.feedback.position_actual
-        stopped = _STOPPED if self._rests else 0
+        stopped = Seen.STOPPED if self._rests else 0
         if self._set_at >= 0 and seen.taken != seen.given and self._read_acknowledge():
             self._executes_next()
         return stopped | self._read_arrival(executes=seen.taken == seen.given)
