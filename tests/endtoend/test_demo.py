@@ -14,8 +14,7 @@ from scapy.utils import RawPcapReader
 
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from pdgw.tools.demo.chapters import CHAPTERS
-from pdgw.tools.demo.links import RECORD, OnLoopback
-from pdgw.tools.demo.sequence import Demo
+from pdgw.tools.demo.links import RECORD
 from pdgw.tools.recording.recorder import CAPTURE
 from tests.support.processes import demo_undisturbed
 from tests.support.readers import tshark
@@ -141,16 +140,3 @@ def test_demo_scenario_passes_and_independent_readers_confirm_it(tmp_path: Path)
     if shutil.which("tshark") is None:
         pytest.skip("tshark is not installed; what the others read is there")
     dissected(out)
-
-
-def test_interrupted_demo_ends_all_processes_and_completes_its_capture(tmp_path: Path) -> None:
-    # SIGTERM is made the same exception as Ctrl-C (test_wrong_use.py).
-    def interrupt(document: dict[str, object]) -> None:
-        if str(document.get("note")).startswith("telegram 105: enable"):
-            raise KeyboardInterrupt
-
-    demo = Demo(CHAPTERS["dsc"], tmp_path, interrupt, OnLoopback())
-    with pytest.raises(KeyboardInterrupt):
-        demo.run()
-    assert [process.returncode is None for process in demo._processes.values()] == [False] * 3
-    assert len(list(RawPcapReader(str(tmp_path / "plc.pcap")))) > 0
