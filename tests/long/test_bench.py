@@ -19,7 +19,7 @@ from pdgw.gateway.identity import COMPILED, kind
 from pdgw.peers.world import Plc
 from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.frames.engine import Decoder, Settings, given_axes
-from tests.long.bench import decoding, exchange, profinet, stops
+from tests.long.bench import exchange, profinet, stops
 from tests.support.gateways.daemon import running, world_of
 from tests.support.readers.both_buses import write_capture
 
@@ -66,12 +66,6 @@ def test_every_packet_of_the_measured_capture_has_values(tmp_path: Path) -> None
         records = [decoder.decode(packet) for packet in source.packets]
     assert len(records) == 40
     assert {type(record).__name__ for record in records} == {"CyclicRecord", "PdoRecord"}
-
-
-@pytest.mark.e2e
-def test_table_of_the_decoder_has_each_program() -> None:
-    names = [row[0] for row in decoding.rows(400)]
-    assert {"pdgw decode --csv", "pdgw timeline", "scapy"} <= set(names)
 
 
 # -- bytecodes --------------------------------------------------------------------------------------------------------
