@@ -11,6 +11,7 @@ import pytest
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.signals import signal
+from tests.support.documents.situations import SLOW_PLC, settle
 from tests.support.drives.own_law_drive import Law, OwnLawDrive
 from tests.support.gateways.daemon import (
     OFF,
@@ -175,12 +176,12 @@ LIARS = {
 
 def run(liar: Liar) -> Run:
     """4 % of the speed from the PLC for four seconds; what the shaft did and what the gateway said."""
-    with running(configuration(axis(1, more=liar.keys))) as daemon:
+    with running(configuration(axis(1, more=liar.keys), transport=SLOW_PLC)) as daemon:
         drive = OwnLawDrive(world_of(daemon), "world", 1, liar.law)
         online(daemon)
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})
-        plc.exchange(200)
+        settle(plc)
         plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": _NSOLL.raw(PERCENT)})
         result = _watch(daemon, plc, drive, 4 * SECOND)
         if result.outcome == "turned" and liar.later is not None:
