@@ -42,9 +42,12 @@ def commands(text: str) -> Iterator[str]:
             yield " ".join(re.split(r"  #| # | > | &(?:$| )", match[1])[0].split())
 
 
+APP: Any = get_command(app)
+
+
 def resolve(words: list[str]) -> tuple[Any, list[str]]:
     """The command of the first words, and the remaining words."""
-    command: Any = get_command(app)
+    command = APP
     context = command.make_context("pdgw", [], resilient_parsing=True)
     while hasattr(command, "commands") and words:
         if words[0] in {option for item in command.params if getattr(item, "is_flag", False) for option in item.opts}:
