@@ -48,7 +48,7 @@ WALKED = [
     Case(9),
     Case(100),
 ]
-STEPS = 6000
+STEPS = 3000
 """Random inputs of each case."""
 LIKELY_FRAMES, LIKELY_DRIVE = ("OFF1", "ON+enable", "task"), ("Ready", "Switched", "Operation Enabled")
 """Names of the inputs that are drawn more often, so that a drive operates and a task runs."""

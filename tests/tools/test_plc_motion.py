@@ -74,7 +74,7 @@ def rejects_unsupported_functions(axis: Axis, number: int) -> None:
 
 
 @pytest.mark.parametrize("number", VELOCITIES)
-def test_an_axis_moves_with_a_velocity_halts_stops_and_resets(number: int) -> None:
+def test_an_axis_of_each_telegram_turns_and_reverses(number: int) -> None:
     with axis_with(number) as axis:
         axis.until(lambda _: axis.drive.node.model.state is State.READY_TO_SWITCH_ON, "ready")
         axis.exchange(5)
@@ -91,6 +91,14 @@ def test_an_axis_moves_with_a_velocity_halts_stops_and_resets(number: int) -> No
         axis.start("turn", Velocity=-300.0)
         axis.ends("turn", "INVELOCITY")
         assert axis.rpm == pytest.approx(-300, abs=15) or number == 112
+
+
+@pytest.mark.parametrize("number", [1, 105, 111, 112])
+def test_an_axis_that_turns_halts_stops_and_resets(number: int) -> None:
+    with axis_with(number) as axis:
+        axis.on()
+        axis.start("turn", Velocity=600.0)
+        axis.ends("turn", "INVELOCITY")
         axis.start("halting")
         axis.exchange(5)
         assert (axis.state, axis.at("turn")["COMMANDABORTED"]) == ("DiscreteMotion", True)
