@@ -32,9 +32,9 @@ def can_table(channel: str, more: str = "") -> str:
     return f'[[can]]\nname = "{channel}"\ninterface = "socketcan"\nchannel = "{channel}"\nbitrate = 1000000\n{more}'
 
 
-def axis_table(number: int, channel: str, more: str = "") -> str:
+def axis_table(number: int, channel: str) -> str:
     """Times that a loaded machine keeps: what is guarded here is the wire."""
-    return f'[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = 1\ncan = "{channel}"\n{_TIMES}{more}'
+    return f'[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = 1\ncan = "{channel}"\n{_TIMES}'
 
 
 class Plant:

@@ -72,8 +72,8 @@ def test_every_node_is_online_at_its_first_attempt(buses: int, nodes: int, bitra
 REFUSED = "two devices? SDO requests are answered twice"
 
 
-def _second(daemon: Daemon, *, powered: bool = True) -> SimulatedDrive:
-    return world_of(daemon).drive("world", 1, powered=powered, serial_number=2)
+def _second(daemon: Daemon) -> SimulatedDrive:
+    return world_of(daemon).drive("world", 1, serial_number=2)
 
 
 def _run(plc: Plc, seconds: float) -> None:

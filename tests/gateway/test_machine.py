@@ -53,9 +53,9 @@ class Turning:
         self.plc.endpoint.set(0, {"NSOLL_A": HALF_SPEED})
         self.plc.until(lambda: self.plc.value("NIST_A") == HALF_SPEED, "half speed")
 
-    def undisturbed(self, cycles: int = 500) -> None:
+    def undisturbed(self) -> None:
         """Continue: speed and state stay in every cycle, without fault or loss."""
-        for _ in range(cycles):
+        for _ in range(500):
             self.plc.exchange()
             assert (self.plc.value("NIST_A"), self.plc.state()) == (HALF_SPEED, 0x07), snapshot(self.daemon)
         assert (self.axis.reason, self.axis.fault_log.count) == (None, 0)

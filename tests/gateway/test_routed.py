@@ -22,8 +22,8 @@ PLC = "192.168.0.10"
 ROUTED = f'cycle_time_ms = 4\nlisten = "192.168.0.5"\npeer = "{PLC}"\n'
 
 
-def routed(telegram: int = 1, more: str = "") -> GatewayConfig:
-    return configuration(axis(1, telegram_number=telegram), transport=ROUTED + more)
+def routed(more: str = "") -> GatewayConfig:
+    return configuration(axis(1), transport=ROUTED + more)
 
 
 def refused(config: GatewayConfig, key: str) -> str:
@@ -131,7 +131,7 @@ def test_a_plc_program_without_tick_is_named(size: int, told: str) -> None:
 
 
 def test_direct_connects_a_plc_program_without_tick() -> None:
-    with running(routed(more="direct = true\n")) as daemon:
+    with running(routed("direct = true\n")) as daemon:
         plc = Plc(daemon, [1], PLC)
         plc.port.pause()  # it never reads a tick
         plc.send()
@@ -141,7 +141,7 @@ def test_direct_connects_a_plc_program_without_tick() -> None:
 
 @pytest.mark.parametrize("more", ["", "direct = true\n"])
 def test_an_order_reaches_the_drive_with_its_first_frame(more: str) -> None:
-    with running(routed(more=more)) as daemon:
+    with running(routed(more)) as daemon:
         plc = Plc(daemon, [1], PLC)
         plc.enable()
         controlwords: list[int] = []
@@ -157,7 +157,7 @@ def test_an_order_reaches_the_drive_with_its_first_frame(more: str) -> None:
 def test_keys_of_the_age_limit_are_checked() -> None:
     config = routed()
     assert config.transport.age_limit_ns == 24 * MS
-    assert routed(more="direct = true\n").transport.age_limit_ns is None
+    assert routed("direct = true\n").transport.age_limit_ns is None
     assert "the longest watchdog time" in refused(
         config, f"{ROUTED}watchdog_factor = 255\ncycle_time_ms = 8".replace("cycle_time_ms = 4\n", "")
     )

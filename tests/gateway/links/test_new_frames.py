@@ -111,11 +111,11 @@ class Site:
         self.at(self.now, self._scan)
         self.at(self.now, self._due)
 
-    def start_gateway(self, number: int = 9) -> None:
+    def start_gateway(self) -> None:
         """The gateway starts: another offset of its ticks."""
         self.port = Port(lambda data, address: self.carry(1, lambda: self._to_plc(data, address)))
         transport = TransportConfig.model_validate({"listen": "192.168.0.5", "peer": PLC[0]})
-        self.link = UdpLink(self.port, transport, [telegram(number)], Counters(), self.chance.getrandbits(32))
+        self.link = UdpLink(self.port, transport, [telegram(9)], Counters(), self.chance.getrandbits(32))
 
     def start_plc(self) -> None:
         self.plc = PlcEndpoint([TELEGRAM], CYCLE)

@@ -58,9 +58,8 @@ class Manager:
         return future
 
 
-def records(*writers: str, manager: Manager | None = None, everybody: bool = True) -> tuple[Records, Manager]:
-    manager = manager or Manager()
-
+def records(*writers: str, everybody: bool = True) -> tuple[Records, Manager]:
+    manager = Manager()
     networks = None if everybody else [IPv4Network(item) for item in writers]
     store = ParameterStore(None, lambda _: None)
     transport = TransportConfig()
@@ -68,8 +67,8 @@ def records(*writers: str, manager: Manager | None = None, everybody: bool = Tru
     return Records(cast(Daemon, daemon), cast(ParameterManager, manager), NIL, networks), manager
 
 
-def block(kind: BlockType, index: int = RECORD_GLOBAL, slot: int = 0, ar_uuid: UUID = NIL) -> RecordBlock:
-    return RecordBlock(kind, 1, ar_uuid, 0, slot, 1, index, 4096)
+def block(kind: BlockType, index: int = RECORD_GLOBAL, slot: int = 0) -> RecordBlock:
+    return RecordBlock(kind, 1, NIL, 0, slot, 1, index, 4096)
 
 
 def ask(caller: CallerRecords, data: bytes = READ_P965, index: int = RECORD_GLOBAL) -> None:

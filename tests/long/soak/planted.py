@@ -124,16 +124,16 @@ DEFECTS: Final[Mapping[str, Plant]] = {
 """The defects by what they break."""
 
 
-def search(text: str, seed: int, axes: int = 2, limit_ns: int = LIMIT_NS) -> Found:
+def search(text: str, seed: int, axes: int = 2) -> Found:
     """Run the soak with one defect until it is found."""
     calm = CALM.get(text)
     day = parts(seed, 1, [calm], draw_calm) if calm else parts(seed, axes)
     with Patch.context() as patch:
         DEFECTS[text](patch)
-        for part in takewhile(lambda part: part.begin < limit_ns, day):
+        for part in takewhile(lambda part: part.begin < LIMIT_NS, day):
             soak_run = CalmRun(part) if calm else SoakRun(part)
             try:
-                soak_run.run_to(min(part.end, limit_ns))
+                soak_run.run_to(min(part.end, LIMIT_NS))
             except ViolationError as violation:
                 return Found(soak_run.loop.now(), str(violation))
             finally:

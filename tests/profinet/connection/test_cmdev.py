@@ -226,9 +226,9 @@ def test_data_that_came_before_the_confirmation_counts_with_it() -> None:
 # -- timers, through a whole device -----------------------------------------------------------------------------------
 
 
-def connected_by_hand(activity_timeout: int = 5) -> Caller:
+def connected_by_hand() -> Caller:
     caller = Caller()
-    status, _ = caller.connect(blocks(project(activity_timeout=activity_timeout)))
+    status, _ = caller.connect(blocks(project(activity_timeout=5)))
     assert not status.value
     return caller
 

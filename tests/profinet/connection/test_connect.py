@@ -49,11 +49,11 @@ def iocr_api(edit: Callable[[Any], Any], index: int = 0) -> Change:
     return apply
 
 
-def slot(edit: Callable[[Any], Any], index: int = 1) -> Change:
-    """Edit the expected slot of the n-th expected block."""
+def slot(edit: Callable[[Any], Any]) -> Change:
+    """Edit the expected slot of the second expected block."""
 
     def apply(items: list[Block]) -> list[Block]:
-        place = [number for number, item in enumerate(items) if isinstance(item, ExpectedSubmoduleBlockReq)][index]
+        place = [number for number, item in enumerate(items) if isinstance(item, ExpectedSubmoduleBlockReq)][1]
         block = items[place]
         assert isinstance(block, ExpectedSubmoduleBlockReq)
         items[place] = replace(block, slots=tuple(edit(item) for item in block.slots))

@@ -11,8 +11,8 @@ from pdgw.tools.client.udp import ParameterClient
 from tests.support.gateways.daemon import configuration, serving
 
 
-def gateway(axes: str, *, transport: str = "") -> AbstractContextManager[tuple[Daemon, ParameterClient]]:
-    return serving(configuration(axes, transport=transport), 1)
+def gateway(axes: str) -> AbstractContextManager[tuple[Daemon, ParameterClient]]:
+    return serving(configuration(axes), 1)
 
 
 def value(client: ParameterClient, pnu: int, subindex: int = 0, elements: int = 0) -> Values:

@@ -23,7 +23,7 @@ _worlds: list[World] = []
 
 
 @contextmanager
-def guarded_network(node_id: int = 127) -> Iterator[CanNetwork]:
+def guarded_network() -> Iterator[CanNetwork]:
     """A network that produces the gateway's heartbeat, as the daemon does."""
     world = World()
     _worlds.append(world)
@@ -32,7 +32,7 @@ def guarded_network(node_id: int = 127) -> Iterator[CanNetwork]:
     network.start()
 
     def beat() -> None:
-        network.send_heartbeat(node_id)
+        network.send_heartbeat(127)
         world.loop.call_later(_BEAT_NS, beat)
 
     beat()

@@ -12,7 +12,7 @@ from pdgw.profidrive.telegrams import Telegram
 
 
 class CyclingPlc:
-    """Exchanges frames with a gateway. ``phase``: nanoseconds until the first one."""
+    """Exchanges frames with a gateway."""
 
     def __init__(
         self,
@@ -21,8 +21,6 @@ class CyclingPlc:
         gateway: Address,
         telegrams: Sequence[Telegram],
         cycle_ns: int,
-        *,
-        phase: int = 0,
     ) -> None:
         self.endpoint = PlcEndpoint(telegrams, cycle_ns)
         self.gateway = gateway
@@ -33,7 +31,7 @@ class CyclingPlc:
         self._loop = loop
         self._port = port
         self._cycle_ns = cycle_ns
-        self._due = loop.now() + phase
+        self._due = loop.now()
         self._timer: Timer | None = None
 
     def start(self) -> None:

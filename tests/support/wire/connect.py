@@ -68,9 +68,9 @@ class Caller:
         return self.call(b"".join(block.encode() for block in blocks))
 
 
-def blocks(of_project: Project | None = None, ar_uuid: UUID = AR_UUID) -> list[Block]:
+def blocks(of_project: Project | None = None) -> list[Block]:
     chosen = of_project or project()
-    return chosen.blocks(chosen.ar(ar_uuid, 1, PLC_MAC, INITIATOR, "plc-1"))
+    return chosen.blocks(chosen.ar(AR_UUID, 1, PLC_MAC, INITIATOR, "plc-1"))
 
 
 Change = Callable[[list[Block]], list[Block]]

@@ -76,11 +76,11 @@ def project(modules: Mapping[int, Module] | None = None, **settings: Any) -> Pro
 class Wire:
     """Carries everything at once; ``to_device`` and ``to_plc`` may be cut. Time only passes in ``run``."""
 
-    def __init__(self, *, of_project: Project | None = None, now: int = 0, named: bool = True, seed: int = 1) -> None:
-        self.now = now
+    def __init__(self, *, of_project: Project | None = None, seed: int = 1) -> None:
+        self.now = 0
         self.application = Application()
-        self.station = Station(IDENTITY, "gateway" if named else "", DEVICE_IP)
-        self.device = ProfinetDevice(model(), self.station, lambda host: self.application, seed=UUID(int=99), now=now)
+        self.station = Station(IDENTITY, "gateway", DEVICE_IP)
+        self.device = ProfinetDevice(model(), self.station, lambda host: self.application, seed=UUID(int=99), now=0)
         self.plc = IoController(
             Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1"), of_project or project(), DEVICE_IP, seed=seed
         )
