@@ -182,27 +182,6 @@ def test_a_node_that_does_not_answer_is_reported_and_stops_no_other() -> None:
         assert plc.state(0) == 0x07
 
 
-def test_a_drive_that_fails_is_lost_and_comes_back_without_motion() -> None:
-    with running(configuration(axis(1))) as daemon:
-        plc = Plc(daemon, [1])
-        plc.endpoint.set(0, {"NSOLL_A": 0x1000})
-        plc.enable()
-        drive_of(daemon).do(lambda node: node.receive(0, bytes((129, 1)), node.now))
-        plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
-        plc.until(lambda: daemon.axes[0].drive.generation == 2 and plc.endpoint.actuals[0] is not None, "back")
-        plc.exchange(20)
-        assert plc.state() == 0x40
-        assert {101, 105} & {fault.number for fault in daemon.axes[0].faults}
-        plc.enable()
-
-
-def test_a_fault_of_the_drive_reaches_the_axis_under_its_number() -> None:
-    with operating() as (daemon, plc):
-        drive_of(daemon).inject(7)
-        plc.until(lambda: plc.state() & 0x08, "fault in ZSW1")
-        plc.until(lambda: [fault.number for fault in daemon.axes[0].faults] == [7], "fault recorded")
-
-
 def test_a_flood_of_datagrams_delays_no_cycle() -> None:
     with operating() as (daemon, plc):
         world = world_of(daemon)
@@ -446,17 +425,6 @@ def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
         build_gateway(config)
     UdpSocket(loop, "127.0.0.1", port, "test").close()
     loop.close()
-
-
-def test_status_port_in_use_is_named() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        daemon = build_gateway(machine.configuration())
-        try:
-            with pytest.raises(GatewayError, match=f"status port: 127.0.0.1 port {port} cannot be used"):
-                StatusServer(daemon, port)
-        finally:
-            daemon.release()
 
 
 def test_another_program_on_the_status_port_is_reported() -> None:

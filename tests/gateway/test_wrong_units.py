@@ -11,7 +11,7 @@ import pytest
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.signals import signal
-from tests.support.documents.situations import SLOW_PLC, settle
+from tests.support.documents.situations import SLOW_PLC, run_out
 from tests.support.drives.own_law_drive import Law, OwnLawDrive
 from tests.support.gateways.daemon import (
     OFF,
@@ -181,7 +181,7 @@ def run(liar: Liar) -> Run:
         online(daemon)
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})
-        settle(plc)
+        run_out(plc)
         plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": _NSOLL.raw(PERCENT)})
         result = _watch(daemon, plc, drive, 4 * SECOND)
         if result.outcome == "turned" and liar.later is not None:

@@ -113,58 +113,11 @@ def test_sdo_timeout_leaves_each_nth_request_without_an_answer(bench: Bench) -> 
     assert [bench.read(0x1000) is None for _ in range(6)] == [False, False, True] * 2
 
 
-def test_sdo_toggle_error_answers_in_segments_with_the_wrong_toggle_bit(bench: Bench) -> None:
-    bench.node.start_fault("sdo-toggle-error")
-    assert bench.read(0x1000) == struct.pack("<BHBI", 0x41, 0x1000, 0, 4)
-    bench.frame(SDO_REQUEST, b"\x60" + bytes(7))
-    assert bench.sent(SDO_ANSWER)[1] == b"\x17\x92\x01\x02\0\0\0\0"
-    assert bench.read(0x1008)[0] == 0x41  # type: ignore[index]
-    bench.frame(SDO_REQUEST, b"\x60" + bytes(7))
-    assert bench.sent(SDO_ANSWER)[1][0] & 0x10
-
-
-def test_wrong_identity_shows_another_vendor(bench: Bench) -> None:
-    bench.node.start_fault("wrong-identity", vendor_id=0x1234)
-    assert bench.read(0x1018, 1)[4:] == b"\x34\x12\0\0"  # type: ignore[index]
-    assert bench.read(0x1018, 2)[4:] == b"\x01\0\0\0"  # type: ignore[index]
-
-
-def test_a_missing_object_is_neither_read_nor_written(bench: Bench) -> None:
-    bench.node.start_fault("object-missing", index=0x1017)
-    assert bench.write(0x1017, 0, 10) == 0x0602_0000
-    assert bench.read(0x1017)[4:] == b"\0\0\x02\x06"  # type: ignore[index]
-    assert bench.write(0x1016, 1, 10) == 0
-
-
 def test_two_pdos_has_no_parameters_for_the_third(bench: Bench) -> None:
     bench.node.start_fault("two-pdos")
     for base in (0x1400, 0x1600, 0x1800, 0x1A00):
         assert bench.read(base + 1, 1)[0] == 0x43  # type: ignore[index]
         assert bench.read(base + 2, 1)[4:] == b"\0\0\x02\x06"  # type: ignore[index]
-
-
-def test_fixed_mapping_cannot_be_written(bench: Bench) -> None:
-    bench.node.start_fault("fixed-pdo-mapping")
-    bench.write(0x1400, 1, 0x8000_0205)
-    assert bench.write(0x1600, 0, 0) == 0x0601_0002
-    assert bench.read(0x1600, 1)[4:] == b"\x10\0\x40\x60"  # type: ignore[index]
-
-
-def test_mapping_abort_takes_everything_but_the_count(bench: Bench) -> None:
-    bench.node.start_fault("mapping-abort")
-    assert bench.write(0x1400, 1, 0x8000_0205) == 0
-    assert bench.write(0x1600, 0, 0) == 0
-    assert bench.write(0x1600, 1, 0x6040_0010) == 0
-    assert bench.write(0x1600, 0, 1) == 0x0604_0043
-
-
-def test_lost_pdos_misses_commands_and_values(bench: Bench) -> None:
-    bench.operate()
-    bench.node.start_fault("lost-pdos", every=1)
-    bench.command(0x02)
-    bench.run(100)
-    assert bench.model.state is State.OPERATION_ENABLED
-    assert not bench.sent(TPDO)
 
 
 def test_duplicated_pdos_come_again_at_once(bench: Bench) -> None:
@@ -253,18 +206,6 @@ def test_reboot_in_motion_waits_for_the_motion(bench: Bench) -> None:
     assert bench.node.state is NmtState.PRE_OPERATIONAL
 
 
-def test_homing_ends_without_its_bit(bench: Bench) -> None:
-    bench.node.start_fault("no-homing-attained")
-    bench.operate(0)
-    bench.write(0x6098, 0, 35)
-    bench.write(0x6060, 0, Mode.HOMING)
-    bench.command(0x1F)
-    assert bench.model.statusword & (StatusBit.MODE_12 | StatusBit.TARGET_REACHED) == StatusBit.TARGET_REACHED
-    bench.node.end_fault()
-    bench.run(1)
-    assert bench.model.statusword & StatusBit.MODE_12
-
-
 def test_late_status_is_as_old_as_it_says(bench: Bench) -> None:
     bench.operate()
     bench.run(100)
@@ -287,20 +228,6 @@ def test_bouncing_bits_change_all_the_time(bench: Bench) -> None:
     assert {seen.count(state) for state in (State.OPERATION_ENABLED, State.SWITCHED_ON)} == {10}
 
 
-def test_unknown_state_fits_no_state(bench: Bench) -> None:
-    bench.node.start_fault("unknown-state")
-    bench.run(1)
-    assert state_of(bench.model.statusword) is None
-
-
-def test_the_mode_display_keeps_the_old_mode(bench: Bench) -> None:
-    bench.node.start_fault("mode-display-stuck")
-    bench.write(0x6060, 0, Mode.VELOCITY)
-    bench.run(10)
-    assert bench.read(0x6061)[4] == Mode.POSITION  # type: ignore[index]
-    assert bench.model.mode == Mode.VELOCITY
-
-
 @pytest.mark.parametrize(("positive", "speed"), [(1, 2000), (0, -2000)])
 def test_limit_switch_stops_only_motion_towards_it(bench: Bench, positive: int, speed: int) -> None:
     bench.operate(speed)
@@ -312,12 +239,6 @@ def test_limit_switch_stops_only_motion_towards_it(bench: Bench, positive: int, 
     bench.command(0x0F, -speed)
     bench.run(50)
     assert bench.model.velocity_actual * speed < 0
-
-
-def test_enable_input_ends_operation(bench: Bench) -> None:
-    bench.operate()
-    bench.node.start_fault("enable-input-dropped")
-    assert bench.model.state is State.SWITCHED_ON
 
 
 @pytest.mark.parametrize(

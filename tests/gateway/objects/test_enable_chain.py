@@ -32,7 +32,6 @@ from tests.support.gateways.daemon import (
     drive_of,
     encoder_of,
     running,
-    until,
 )
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
@@ -293,14 +292,3 @@ def test_gateway_that_is_stopped_has_not_lost_its_plc(caplog: pytest.LogCaptureF
         assert not [fault for fault in daemon.axes[0].faults if fault.number == FaultNumber.PLC_LOST]
         assert "PLC lost" not in caplog.text
     assert Reason.GATEWAY_STOPS.value in caplog.text
-
-
-def test_chain_of_an_axis_that_goes_online() -> None:
-    with running(configuration(axis(1), transport=SLOW_PLC)) as daemon:
-        assert daemon.axes[0].enable_status.state is AxisState.STARTING, (
-            "nothing is wrong before the first answer is due"
-        )
-        assert first(daemon).enable is Enable.NODE
-        assert links(daemon)[Enable.PLC].ok is False
-        until(daemon, lambda: daemon.axes[0].enable_status.state is AxisState.WAITS, "online")
-        assert first(daemon).reason is Reason.NO_PLC

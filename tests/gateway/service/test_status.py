@@ -50,6 +50,7 @@ def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
         # Two links are broken; the physical one speaks.
         assert broken(daemon) is Reason.NODE_CONFIGURING
         until(daemon, lambda: state(daemon) is AxisState.WAITS, "online")
+        assert broken(daemon) is Reason.NO_PLC
         plc.endpoint.set(0, {"STW1": OFF & ~0x400})
         plc.until(lambda: state(daemon) is AxisState.WAITS and broken(daemon) is not Reason.NO_PLC, "a PLC")
         assert broken(daemon) is Reason.NO_CONTROL
@@ -73,13 +74,6 @@ def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
         plc.until(lambda: state(daemon) is AxisState.STOPPING, "power on, PLC lost")
         assert broken(daemon) is Reason.PLC_LOST
         plc.until(lambda: state(daemon) is AxisState.WAITS, "stopped")
-
-
-def test_a_setpoint_that_is_not_enabled_is_the_last_link() -> None:
-    with operating() as (daemon, plc):
-        plc.endpoint.set(0, {"STW1": (OFF | 1) & ~0x10})
-        plc.until(lambda: state(daemon) is AxisState.WAITS, "setpoint disabled")
-        assert broken(daemon) is Reason.SETPOINT_DISABLED
 
 
 def test_a_fault_has_id_time_and_activity_and_only_the_newest_is_in_the_document() -> None:
