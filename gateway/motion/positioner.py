@@ -100,28 +100,21 @@ _OUTPUT_1 = signal("POS_ZSW2").bit("OUTPUT_1").position
 
 @dataclass(slots=True, unsafe_hash=True)
 class _Task:
-    """The data of the frame that brought an edge of STW1.6, or a change under continuous update. Never changed."""
+    """The request of the frame that brought an edge of STW1.6, or a change under continuous update. Never changed."""
 
     event: Event
     refusal: Reason | None
-    block: int
-    how: int
-    """Bits of ``Command``: how the position is meant."""
-    target: int
-    velocity: int
-    acceleration: int
-    deceleration: int
-    direction: Direction
-    """Direction of an absolute task of a modulo axis; both bits together are rejected."""
+    request: PositionerRequest
 
     def is_of(self, request: PositionerRequest) -> bool:
         """Whether the request is unchanged."""
+        own = self.request
         return (
-            request.target == self.target
-            and request.velocity == self.velocity
-            and request.acceleration == self.acceleration
-            and request.deceleration == self.deceleration
-            and not (request.commands ^ self.how) & DIRECTIONS
+            request.target == own.target
+            and request.velocity == own.velocity
+            and request.acceleration == own.acceleration
+            and request.deceleration == own.deceleration
+            and not (request.commands ^ own.commands) & DIRECTIONS
         )
 
 
@@ -396,15 +389,14 @@ class BasicPositioner(Positioner):
     def _captured(self) -> _Task:
         """The present request, and why it is impossible."""
         request, commands = self.request, self.request.commands
-        target, velocity, absolute = request.target, request.velocity, commands & _ABSOLUTE != 0
-        direction = request.direction
+        absolute, direction = commands & _ABSOLUTE != 0, request.direction
         refusal: Reason | None = None
         if not commands & _MDI_SELECTED:
             event = _BLOCK_TASK
             refusal = self._chain.refusal(request.number)
         else:
             event = _SETTING_UP_TASK if commands & _SETTING_UP_SELECTED else Event.MDI
-            if not velocity:
+            if not request.velocity:
                 refusal = Reason.TASK_SPEED_ZERO
             elif request.acceleration <= 0 or request.deceleration <= 0:
                 refusal = Reason.TASK_RAMP_ZERO
@@ -412,10 +404,9 @@ class BasicPositioner(Positioner):
                 refusal = Reason.TASK_DIRECTION if direction is Direction.SHORTEST else None
             elif commands & DIRECTIONS == DIRECTIONS and self.choices.modulo and absolute:
                 refusal = Reason.TASK_DIRECTION
-            elif not self._course.in_range(target, absolute, direction):
+            elif not self._course.in_range(request.target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
-        how, ramps = commands & (_ABSOLUTE | DIRECTIONS), (request.acceleration, request.deceleration)
-        return _Task(event, refusal, request.number, how, target, velocity, *ramps, direction)
+        return _Task(event, refusal, request)
 
     def _changed(self) -> bool:
         """Continuous update: values other than those in force, while STW1.6 = 1."""
@@ -424,7 +415,7 @@ class BasicPositioner(Positioner):
             return False
         if task.is_of(request) or (commands & _SETTING_UP_SELECTED != 0) is not (self.state is _SETTING_UP):
             return False
-        if self.state is _MDI and not commands & task.how & _ABSOLUTE:
+        if self.state is _MDI and not commands & task.request.commands & _ABSOLUTE:
             self.warn(Reason.UPDATE_RELATIVE)
             return False
         return True
@@ -494,7 +485,7 @@ class BasicPositioner(Positioner):
         self._acknowledge = Acknowledge.OWED
         self._shown = _FUNCTION[task.event]
         if task.event is _BLOCK_TASK:
-            self._chain.run(task.block, self._now)
+            self._chain.run(task.request.number, self._now)
         else:
             self._pursue(task)
 
@@ -507,13 +498,13 @@ class BasicPositioner(Positioner):
             self._course.drop_goal()
 
     def _pursue(self, task: _Task) -> None:
-        velocity, acceleration, deceleration = task.velocity, task.acceleration, task.deceleration
-        if task.event is _SETTING_UP_TASK:
-            self._course.go(velocity if task.direction is Direction.POSITIVE else -velocity, acceleration, deceleration)
+        course, request = self._course, task.request
+        velocity, ramps, direction = request.velocity, (request.acceleration, request.deceleration), request.direction
+        if task.event is Event.SETTING_UP:
+            course.go(velocity if direction is Direction.POSITIVE else -velocity, *ramps)
         else:
             torque = self.choices.clamping_torque if self.request.to_fixed_stop else None
-            absolute = task.how & _ABSOLUTE != 0
-            self._course.go_to(task.target, absolute, velocity, acceleration, deceleration, torque, task.direction)
+            course.go_to(request.target, request.commands & _ABSOLUTE != 0, velocity, *ramps, torque, direction)
 
     def _start_jog(self) -> None:
         self._begin()

@@ -63,6 +63,7 @@ class PositionerAdapter(ControlWordAdapter):
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         self._asked = MotionDemand()
         super().__init__(telegram, settings, self._asked)
+        self._stw2 = self.setpoint("STW2")
         self._last: Sequence[int] | None = None
         """The setpoints that are in the request; None without control."""
         words = [item for item in telegram.setpoints.signals if item.name in _CONTROL_WORDS]
@@ -86,6 +87,9 @@ class PositionerAdapter(ControlWordAdapter):
                 self._last = None
                 demand.motion = PositionerRequest(request.commands & self.KEPT)
             return
+        place = self._stw2
+        if place >= 0:  # the sign of life makes no other request
+            setpoints = (*setpoints[:place], setpoints[place] & _TO_FIXED_STOP, *setpoints[place + 1 :])
         if setpoints == last:
             return
         self._last = setpoints
@@ -123,7 +127,7 @@ class _MdiValues:
         return PositionerRequest(
             commands,
             block,
-            setpoints[self._stw2] & _TO_FIXED_STOP != 0,
+            setpoints[self._stw2] != 0,
             override if override > 0 else 0,
             *self.task(setpoints, self._first),
         )

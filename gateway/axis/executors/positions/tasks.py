@@ -198,9 +198,15 @@ class PositionerExecutor(MotionExecutor):
         if course.warning is not before:
             self._warn(course.warning)
         reached = positioner.reached and (not self._continued or self.stopped)
-        flags = self._flags(reached=reached)
-        if self._stop_reached(request):
+        flags = Flag.STANDING if self.inputs.standstill else 0
+        if reached or self._stop_reached(request):
             flags |= Flag.REACHED
+        if positioner.home_set:
+            flags |= Flag.HOME_SET
+        if positioner.acknowledged:
+            flags |= Flag.TASK_ACKNOWLEDGED
+        if not feedback.statusword & _FOLLOWING_ERROR or not self._mode.shows_base():
+            flags |= Flag.WITHIN_TOLERANCE
         speed = conversion.to_wire(feedback.velocity_actual)
         length_speed = units.to_length_speed(feedback.velocity_actual)
         words = positioner.words(speed, reached=reached)
@@ -212,18 +218,6 @@ class PositionerExecutor(MotionExecutor):
             self.outputs.end_warnings(TASK_WARNINGS)
             if warning is not None and warning not in HELD:
                 self.outputs.warn(FaultNumber.POSITIONER, warning.value)
-
-    def _flags(self, *, reached: bool) -> int:
-        positioner = self._basic
-        flags = Flag.STANDING if self._seen.bits & Seen.STANDSTILL else 0
-        if reached:
-            flags |= Flag.REACHED
-        if positioner.home_set:
-            flags |= Flag.HOME_SET
-        if positioner.acknowledged:
-            flags |= Flag.TASK_ACKNOWLEDGED
-        following_error = self.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
-        return flags if following_error else flags | Flag.WITHIN_TOLERANCE
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
