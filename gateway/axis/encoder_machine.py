@@ -165,7 +165,7 @@ class EncoderMachine:
         if adapter.control is None:
             self._sensor_word = None
         elif control.has_control:
-            self._sensor_word = adapter.sensor
+            self._sensor_word = adapter.sensor_word
         values = channel.step(self._sensor_word, source, ok, now, self._sign_of_life_error())
         if not ok or not self.usable:
             status |= _FAULT

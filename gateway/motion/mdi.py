@@ -46,8 +46,6 @@ class MdiPositioner(Positioner):
         self._drive = drive
         self.homing: tuple[int, int] | None = None
         """Method, and velocity as a fraction, of the homing that runs or waits for standstill: those of its edge."""
-        self._edges = 0
-        """The commands that rose in this step."""
         self._waiting: Goal | None = None
         """The task of the newest edge, waiting to start."""
         self._braking_reason: Reason | None = None
@@ -66,8 +64,8 @@ class MdiPositioner(Positioner):
         self.request = request
         course, before, operating = self.course, self.state, self.seen.bits & Seen.OPERATING != 0
         course.look()
-        if request.commands != self._commands or self._edges:
-            self._edges = self._find_edges()
+        if request.commands != self._commands:
+            self._end_held()
         if before is _BRAKING and operating:
             self._take_while_braking(request)
         accepts = request.commands & _DO_NOT_REJECT != 0
@@ -80,6 +78,7 @@ class MdiPositioner(Positioner):
         reason = self._reason(request, before)
         if state is not _BRAKING:
             self._braking_reason = None
+        self._commands = request.commands
         return reason
 
     def _reason(self, request: PositionerRequest, before: State) -> Reason | None:

@@ -130,7 +130,7 @@ class Positioner:
         self.request = NOTHING
         """The commands of this step."""
         self._commands = 0
-        """The commands that were evaluated last; out of operation without those whose edges count."""
+        """The commands of the step before; out of operation without those whose edges count."""
         events, actions = self._events(), self._actions()
 
         def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
@@ -187,19 +187,23 @@ class Positioner:
             if happened():
                 act()
                 if row.lost:
-                    bits = self._commands if not self._commands & _PASSIVE_HOMING else self._commands & ~HOME
+                    bits = self.request.commands
+                    if bits & _PASSIVE_HOMING:
+                        bits &= ~HOME
                     self.warn(next((warning for warning in row.lost if bits & HELD[warning]), self.course.warning))
                 self.state = row.target
                 break
 
-    def _find_edges(self) -> int:
+    @property
+    def _edges(self) -> int:
         """Rising edges of this step; bits that were 1 before operation are not edges."""
-        commands, warning = self.request.commands, self.course.warning
-        edges = commands & ~self._commands
-        self._commands = commands
-        if warning in HELD and warning is not Reason.LOST_EDGE and not commands & HELD[warning]:
+        return self.request.commands & ~self._commands
+
+    def _end_held(self) -> None:
+        """The commands have changed: end a warning that lasts until its bit is 0."""
+        warning = self.course.warning
+        if warning in HELD and warning is not Reason.LOST_EDGE and not self.request.commands & HELD[warning]:
             self.warn(None)
-        return edges
 
     def _homing_is(self, result: HomingResult) -> bool:
         return self.seen.taken >= self.course.motion.serial and self.seen.homing is result
@@ -244,6 +248,7 @@ class BasicPositioner(Positioner):
         self._homing_until = 0
         """End of POS_ZSW1.11 = 1, monotonic ns; 0: it has ended."""
         self._passive_homing = PassiveHoming.OFF
+        self._probe: int | Reason | None = None
         self._homing_waits = False
         """An edge of STW1.11 that came while the axis was braking, or now."""
         super().__init__(course, TRANSITIONS)
@@ -291,6 +296,10 @@ class BasicPositioner(Positioner):
         in its own coordinates, and that of one relative task."""
         course = self._course
         course.only_velocity, course.positions, course.distances = velocity, positions, distances
+
+    def latch(self, probe: int | Reason | None) -> None:
+        """Set the position at the edge of the armed probe, or why there is none; None: not yet."""
+        self._probe = probe
 
     @property
     def armed(self) -> bool:
@@ -351,10 +360,9 @@ class BasicPositioner(Positioner):
 
     def _read_request(self) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
-        edges = self._find_edges()
-        operating, commands = self.seen.bits & Seen.OPERATING != 0, self.request.commands
-        if not operating:
-            self._commands &= ~RISING
+        self._end_held()
+        operating, commands, edges = self.seen.bits & Seen.OPERATING != 0, self.request.commands, self._edges
+        self._commands = commands if operating else commands & ~RISING
         accepts = commands & _DO_NOT_REJECT
         jogs = commands & _JOGS
         allowed = operating and accepts and jogs != _JOGS
@@ -549,7 +557,7 @@ class BasicPositioner(Positioner):
 
     def _home_on_the_fly(self) -> None:
         """STW1.11 with POS_STW2.8: the probe gives the offset while anything runs; a task keeps its target in the drive."""
-        probe = self.seen.probe
+        probe = self._probe
         if self.request.commands & _ON_THE_FLY != _ON_THE_FLY:
             self._passive_homing = _NOT_PASSIVE
         elif self._passive_homing is _NOT_PASSIVE:

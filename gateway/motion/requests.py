@@ -8,7 +8,6 @@ from typing import Final
 
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.units import Direction
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT
 from pdgw.profidrive.signals import signal
 
@@ -242,8 +241,6 @@ class PositionerFeedback:
     taken: int = 1
     executing: int = 1
     homing: HomingResult = HomingResult.RUNNING
-    probe: int | Reason | None = None
-    """Position at the edge of the armed probe, or why there is none."""
 
 
 class MotionKind(enum.Enum):

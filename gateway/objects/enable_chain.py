@@ -323,7 +323,7 @@ def _acknowledge_encoder(encoder: EncoderObject) -> str:
     if not machine.in_error:
         level = (adapter.control or 0) & ENCODER_ACKNOWLEDGE
         return _missing_acknowledge("STW2_ENC.7", no_control, level, control.in_vain)
-    level = (adapter.sensor or 0) & SENSOR_ACKNOWLEDGE
+    level = (adapter.sensor_word or 0) & SENSOR_ACKNOWLEDGE
     if level and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
         return "set G1_STW.15 to 0: this ends the acknowledge"
     return _missing_acknowledge("G1_STW.15", no_control, level, sensor.in_vain)

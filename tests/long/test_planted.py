@@ -25,7 +25,7 @@ from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import ACTIVATE, HOME, BasicPositioner
-from pdgw.gateway.motion.requests import Motion
+from pdgw.gateway.motion.requests import Motion, PositionerRequest
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.frame import SignOfLife
@@ -60,8 +60,9 @@ def speed_does_not_fall_in_a_stop(method: Any, self: SpeedExecutor) -> Reason | 
     return reason
 
 
-def standing_task_bit_starts(method: Any, self: MdiPositioner) -> int:
-    return int(method(self)) | ACTIVATE & self.request.commands
+def standing_task_bit_starts(method: Any, self: MdiPositioner, request: PositionerRequest, now: int) -> Any:
+    self._commands &= ~ACTIVATE
+    return method(self, request, now)
 
 
 def brake_ends_with_the_drive(
@@ -73,7 +74,7 @@ def brake_ends_with_the_drive(
 
 
 def standing_homing_bit_starts(method: Any, self: MdiPositioner) -> Any:
-    self._edges |= HOME & self.request.commands
+    self._commands &= ~HOME
     return method(self)
 
 
@@ -146,7 +147,7 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
     ),
     "drive that does not stop left alone": (GUARDING, replaced(StopWatch, "step", lambda *_: False)),
     "brake released when the drive is lost": (GUARDING, wrapped(StopWatch, "step", brake_ends_with_the_drive)),
-    "standing task bit starts": (Narrow(9), wrapped(MdiPositioner, "_find_edges", standing_task_bit_starts)),
+    "standing task bit starts": (Narrow(9), wrapped(MdiPositioner, "step", standing_task_bit_starts)),
     "standing homing bit starts": (
         Narrow(9, homing=True, tick_ns=LONG_TICK_NS),
         wrapped(MdiPositioner, "_take_homing", standing_homing_bit_starts),

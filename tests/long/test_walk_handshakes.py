@@ -11,7 +11,7 @@ from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
-from pdgw.gateway.motion.positioner import ACTIVATE, BasicPositioner, Positioner
+from pdgw.gateway.motion.positioner import ACTIVATE, BasicPositioner
 from pdgw.gateway.motion.requests import HomingResult, Seen
 from pdgw.gateway.motion.travel import Course
 from tests.long.planted import Patch, Plant, replaced, wrapped
@@ -40,8 +40,9 @@ def probe_counts_when_armed(method: Any, self: BasicPositioner) -> None:
     self.home_set = self.home_set or self.armed
 
 
-def standing_task_bit_starts(method: Any, self: Positioner) -> int:
-    return int(method(self)) | ACTIVATE & self.request.commands
+def standing_task_bit_starts(method: Any, self: BasicPositioner) -> None:
+    self._commands &= ~ACTIVATE
+    method(self)
 
 
 def seen_by_the_statusword(method: Any, self: PositionerExecutor) -> int:
@@ -89,7 +90,7 @@ PLANTED: dict[str, tuple[Handshakes, Rule, Plant]] = {
     "standing task bit starts": (
         Handshakes(7, Orders.TASKS),
         Rule.MOVES,
-        wrapped(Positioner, "_find_edges", standing_task_bit_starts),
+        wrapped(BasicPositioner, "_read_request", standing_task_bit_starts),
     ),
 }
 

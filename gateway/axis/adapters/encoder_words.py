@@ -13,7 +13,7 @@ from pdgw.profidrive.telegrams import Telegram
 
 
 class EncoderAdapter(SignalAdapter):
-    """``control`` and ``sensor`` are those of the last ``read``, None without a PLC.
+    """``control`` and ``sensor_word`` are those of the last ``read``, None without a PLC.
 
     GatewayError for a telegram with other signals.
     """
@@ -22,7 +22,7 @@ class EncoderAdapter(SignalAdapter):
         super().__init__(telegram)
         self.control: int | None = None
         """STW2_ENC."""
-        self.sensor: int | None = None
+        self.sensor_word: int | None = None
         """G1_STW."""
         self._control = self.setpoint("STW2_ENC")
         self._sensor = self.setpoint("G1_STW")
@@ -42,10 +42,10 @@ class EncoderAdapter(SignalAdapter):
     def read(self, setpoints: Sequence[int] | None) -> None:
         """Raw setpoints in telegram order, None without a valid PLC."""
         if setpoints is None:
-            self.control = self.sensor = None
+            self.control = self.sensor_word = None
         else:
             self.control = setpoints[self._control]
-            self.sensor = setpoints[self._sensor]
+            self.sensor_word = setpoints[self._sensor]
 
     def write(self, status: int, sensor: tuple[int, int, int], xist3: int, speed: int, actuals: list[int]) -> None:
         """ZSW2_ENC; G1_ZSW, XIST1 and XIST2; XIST3; NIST as it is on the wire."""

@@ -456,9 +456,9 @@ def test_a_running_function_stops_at_the_software_limit_of_a_new_reference_point
     rig.run_out()
     move(rig, **{"target": 4900, **function})
     rig.step(10, homing=True, passive_homing=True)
-    rig.seen.probe = rig.seen.position
+    rig.positioner.latch(rig.seen.position)
     rig.step()
-    rig.seen.probe = None
+    rig.positioner.latch(None)
     rig.run_out()
     assert rig.position == 5000
 

@@ -251,7 +251,7 @@ def test_passive_homing_takes_the_probe_during_a_task_that_keeps_its_way() -> No
     move(rig, target=5000, **ABSOLUTE)
     rig.step(3, homing=True, passive_homing=True)
     assert (rig.result.probe, rig.result.state) == (True, State.MDI)
-    rig.seen.probe = 300
+    rig.positioner.latch(300)
     rig.step()
     assert (rig.result.home_set, rig.result.probe) == (True, False)
     rig.run_out()
@@ -261,7 +261,7 @@ def test_passive_homing_takes_the_probe_during_a_task_that_keeps_its_way() -> No
 def test_passive_homing_needs_a_probe() -> None:
     rig = PositionerRig()
     rig.step(homing=True, passive_homing=True)
-    rig.seen.probe = Reason.PASSIVE_HOMING_NOT_SUPPORTED
+    rig.positioner.latch(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
     rig.step()
     assert (rig.result.warning, rig.result.probe) == (Reason.PASSIVE_HOMING_NOT_SUPPORTED, False)
 

@@ -39,7 +39,6 @@ from pdgw.gateway.axis.supervision.stop_supervision import HaltWatch, OperationW
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
 from pdgw.gateway.axis.values import Answer, Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
-from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import RISING, BasicPositioner, Positioner
 from pdgw.gateway.motion.requests import Motion, PositionerFeedback
 from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course, UserCourse
@@ -135,7 +134,6 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "SUPERVISION": frozenset({"known_off"}),
     },
     BlockChain: {"INSTANTS": {"_wait_until": 0}},
-    MdiPositioner: {"ASIDE": frozenset({"_edges"})},
     Positioner: {"PASSING": frozenset({"request", "seen"}), "BITS": {"_commands": RISING}},
     BasicPositioner: {"INSTANTS": {"_homing_until": 0}, "PASSING": frozenset({"_now"})},
     PositionerFeedback: {"SERIALS": frozenset({"given", "taken", "executing"}), "PASSING": frozenset({"bits"})},

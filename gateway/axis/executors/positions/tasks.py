@@ -166,14 +166,15 @@ class PositionerExecutor(MotionExecutor):
         if answer.wish is not self.outputs.probe or units is None:
             return
         for position in answer.positions.values():
-            self._seen.probe = units.to_length(position if self._ring is None else self._ring.near(position))
+            self._basic.latch(units.to_length(position if self._ring is None else self._ring.near(position)))
         if answer.error is not None:
-            self._seen.probe = Reason.PASSIVE_HOMING_NOT_SUPPORTED
+            self._basic.latch(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
 
     def _probe(self, request: PositionerRequest) -> None:
         """Arm or disarm the probe of passive homing."""
         outputs = self.outputs
-        self._seen.probe = outputs.probe = None
+        self._basic.latch(None)
+        outputs.probe = None
         if self._basic.armed:
             commands = request.commands
             outputs.probe = ProbeWish(
