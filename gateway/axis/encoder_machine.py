@@ -150,10 +150,7 @@ class EncoderMachine:
         new_fault = False
         if inputs.news:
             self._process_news()
-            events = outputs.events
-            new_fault = events is not None and any(
-                record.number in _LATCHED and not record.is_warning for record in events.faults
-            )
+            new_fault = self._has_new_fault()
         if self._refused is not None:
             outputs.fault(gateway_fault(FaultNumber.REFERENCE, str(self._refused), now))
             self._refused = None
@@ -184,6 +181,13 @@ class EncoderMachine:
             outputs.warned = 0
         outputs.warning = outputs.warned
         return outputs
+
+    def _has_new_fault(self) -> bool:
+        """An event of this step has to be acknowledged by the PLC."""
+        events = self.outputs.events
+        return events is not None and any(
+            record.number in _LATCHED and not record.is_warning for record in events.faults
+        )
 
     def _process_news(self) -> None:
         for item in self.inputs.news:

@@ -82,12 +82,12 @@ class Request:
         """The column of the power table. ``seen``: what the drive shows, None if it does not count."""
         if wish is None:
             wish = self.no_plc
-        connected = wish not in NO_PLC
-        if not connected or self.connection is _UNCONNECTED:
-            self.connection = _CONNECTED if connected else _UNCONNECTED
+        if wish in NO_PLC:
+            self.connection = _UNCONNECTED
             self.off_seen = False
-        if not connected:
             return max(wish, self.no_plc)
+        if self.connection is _UNCONNECTED:
+            self.connection = _CONNECTED
         if seen is None:
             self.disarm()
         elif not acknowledge:
@@ -203,11 +203,6 @@ class Interlock:
         """Fast path: the state bits of the Statusword in operation as requested with nothing to report; else -1."""
         self._request = Request(_NO_PLC[settings.on_plc_loss], settings.ramp_stop_resume)
         self._commanded = Commanded(settings.latency_ns, Answer(settings.latency_ns))
-
-    @property
-    def action(self) -> Action:
-        """The command of the last step."""
-        return self.cell.action
 
     @property
     def operates(self) -> bool:

@@ -402,7 +402,7 @@ class AxisMachine:
                 case ProbeAnswer():
                     (self.executor if self.sensor is None else self.sensor).probed(item)
                 case FaultRead():
-                    self._drive.fault_read(item, inputs.feedback, self._node.faults, inputs.now)
+                    self._drive.fault_read(item, inputs.feedback, self._node.fault_of_number, inputs.now)
                     self._node.set_error_code(item.code)
                 case RestartAsked():
                     self._node.restart_asked()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from pdgw.durations import MS
@@ -85,7 +86,7 @@ _NOT_PASSIVE, _ARMED, _OVER = PassiveHoming.OFF, PassiveHoming.ARMED, PassiveHom
 _STANDSTILL = Seen.STANDSTILL
 _FIRST = {bit.name: bit.mask for bit in signal("POS_ZSW1").bits}
 _SECOND = {bit.name: bit.mask for bit in signal("POS_ZSW2").bits}
-_FUNCTION_BITS = dict.fromkeys(State, 0) | {
+_FUNCTION_BITS = {
     State.BLOCK: _FIRST["BLOCK_MODE"],
     State.SETTING_UP: _FIRST["SETTING_UP"],
     State.MDI: _FIRST["MDI_ACTIVE"],
@@ -258,9 +259,7 @@ class BasicPositioner(Positioner):
             **super()._events(),
             Event.OPERATING: lambda: self.seen.bits & Seen.OPERATING,
             Event.TASK_REFUSED: lambda: self._pending is not None and self._pending.refusal is not None,
-            Event.MDI: lambda: self._pending is not None and self._pending.event is Event.MDI,
-            Event.SETTING_UP: lambda: self._pending is not None and self._pending.event is Event.SETTING_UP,
-            Event.BLOCK: lambda: self._pending is not None and self._pending.event is Event.BLOCK,
+            **{event: partial(self._waits_for, event) for event in _FUNCTION},
             Event.CHANGED: self._changed,
             Event.REACHED: self._finished,
             Event.BLOCK_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is not None,
@@ -415,6 +414,10 @@ class BasicPositioner(Positioner):
             elif not self._course.in_range(request.target, absolute, direction):
                 refusal = Reason.TASK_TARGET_RANGE
         return _Task(event, refusal, request)
+
+    def _waits_for(self, event: Event) -> bool:
+        """The newest edge is one of these tasks."""
+        return self._pending is not None and self._pending.event is event
 
     def _changed(self) -> bool:
         """Continuous update: values other than those in force, while STW1.6 = 1."""
@@ -580,7 +583,7 @@ class BasicPositioner(Positioner):
     def words(self, speed: int, *, reached: bool) -> tuple[int, int]:
         """POS_ZSW1 and POS_ZSW2. ``speed``: its sign is the direction of an axis that moves."""
         state, seen, course, block = self.state, self.seen.bits, self._course, self._chain.block
-        first = _FUNCTION_BITS[self._mode()] | _RUNNING_BITS.get(state, 0)
+        first = _FUNCTION_BITS.get(self._mode(), 0) | _RUNNING_BITS.get(state, 0)
         if block is not None:
             first |= block.number
         if state is _HOMING or self._homing_until:

@@ -234,7 +234,7 @@ class PositionerFeedback:
     motion has 2.
     """
 
-    bits: int = Seen.STANDSTILL | Seen.STOPPED
+    bits: int = 0
     """Bits of ``Seen``."""
     position: int = 0
     given: int = 1

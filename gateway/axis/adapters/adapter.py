@@ -87,11 +87,9 @@ class Adapter(SignalAdapter):
             for name in ("G1", "G2")
         )
         """Places of the words of the sensors, which ``SensorWords`` read and write,"""
-        self.message, self.load, self.codes = (
-            self.actual("MELDW"),
-            self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR"),
-            self.actual("FAULT_CODE", "WARN_CODE"),
-        )
+        self.message = self.actual("MELDW")
+        self.load = self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR")
+        self.codes = self.actual("FAULT_CODE", "WARN_CODE")
         """and of those that ``DriveWords`` write."""
 
     def read(self, setpoints: Sequence[int] | None) -> None:

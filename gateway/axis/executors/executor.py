@@ -28,7 +28,7 @@ class AxisRecords(NamedTuple):
 
     settings: AxisSettings
     interlock: Interlock
-    """Command in: ``action`` and ``controlword``, and the ``reason`` why they are not what the PLC asks."""
+    """Command in: ``cell`` and ``controlword``, and the ``reason`` why they are not what the PLC asks."""
     demand: Demand
     """Command in: what the PLC asks, as the adapter of the telegram has it."""
     inputs: Inputs
@@ -41,7 +41,7 @@ class Executor:
     """One kind of operation of one drive."""
 
     def __init__(self, records: AxisRecords) -> None:
-        self.settings, self.interlock, self.demand, self.inputs, self.outputs = records
+        self.settings, self.interlock, _, self.inputs, self.outputs = records
         self.feedback: DriveFeedback = records.inputs.feedback
         self.command: DriveCommand = records.outputs.command
 

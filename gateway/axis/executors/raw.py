@@ -55,7 +55,7 @@ class RawExecutor(Executor):
 
     def step(self) -> Report:
         interlock, demand, command = self.interlock, self._asked, self.command
-        action, controlword, reason = interlock.action, interlock.controlword, interlock.reason
+        action, controlword, reason = interlock.cell.action, interlock.controlword, interlock.reason
         raw = demand.raw
         if raw is not None:
             # During the ramp the drive must keep the mode and the deceleration that the ramp began with.

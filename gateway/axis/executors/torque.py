@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.demand_report import SHOWN_FAULT, STATE_MASK, Report
@@ -60,8 +59,17 @@ class DriveWords:
     def step(self, flags: int, inputs: Inputs, outputs: Outputs, *, known: bool) -> None:
         """One cycle. ``flags``: those of the axis, ``known``: the drive's units are."""
         actuals, feedback, reports = outputs.actuals, inputs.feedback, self._reports
-        if self._message >= 0:
-            actuals[self._message] = message_of(reports, feedback, outputs) if known and reports is not None else 0
+        if self._message >= 0 and reports is not None:
+            statusword = feedback.statusword
+            actuals[self._message] = known and reports.word(
+                feedback.velocity_actual,
+                feedback.velocity_demand,
+                feedback.current_actual,
+                _MESSAGE_STATES[statusword & STATE_MASK],
+                target_reached=statusword & StatusBit.TARGET_REACHED != 0,
+                motor_hot=outputs.motor_hot,
+                stage_hot=outputs.stage_hot,
+            )
         place = self._load
         if place >= 0:
             torque = feedback.current_actual if known else 0
@@ -72,20 +80,6 @@ class DriveWords:
         if place >= 0:
             actuals[place] = inputs.fault_code if flags & SHOWN_FAULT else 0
             actuals[place + 1] = inputs.warning_code
-
-
-def message_of(message: MessageWord, feedback: DriveFeedback, outputs: Outputs) -> int:
-    """MELDW from the reports of a drive."""
-    statusword = feedback.statusword
-    return message.word(
-        feedback.velocity_actual,
-        feedback.velocity_demand,
-        feedback.current_actual,
-        _MESSAGE_STATES[statusword & STATE_MASK],
-        target_reached=statusword & StatusBit.TARGET_REACHED != 0,
-        motor_hot=outputs.motor_hot,
-        stage_hot=outputs.stage_hot,
-    )
 
 
 class TorqueExecutor(SpeedExecutor):

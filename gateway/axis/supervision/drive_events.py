@@ -107,7 +107,7 @@ class NodeWatch:
 
     def set_drive(self, faults: Mapping[int, DriveFault], fault_of_emcy: Mapping[int, DriveFault]) -> None:
         """Set the manufacturer's faults of the drive by number, and by EMCY error code."""
-        self.faults, self.fault_of_emcy = faults, fault_of_emcy
+        self.fault_of_number, self.fault_of_emcy = faults, fault_of_emcy
 
     def report_to(self, outputs: Outputs) -> None:
         """The outputs of another machine take over."""

@@ -373,5 +373,5 @@ def test_interlock_follows_the_power_table_in_every_condition(phase: Phase) -> N
             now += QUICK_STOP_STANDING_NS
         interlock.step(asked, False, condition, statusword, still, now)
         expected = cell(phase, drive, wish)
-        found = (interlock.phase, interlock.action, interlock.controlword)
+        found = (interlock.phase, interlock.cell.action, interlock.controlword)
         assert found == (expected.phase, expected.action, expected.controlword), (phase, drive, wish)

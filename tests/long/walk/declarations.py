@@ -77,7 +77,9 @@ OF: Final[dict[type, dict[str, Any]]] = {
     },
     Repetitions: {"ASIDE": frozenset({"_reported", "_repeated"})},
     NodeWatch: {
-        "ASIDE": frozenset({"fault_of_emcy", "faults", "last_emergency", "_refusal", "_absent", "_restart_asked"})
+        "ASIDE": frozenset(
+            {"fault_of_emcy", "fault_of_number", "last_emergency", "_refusal", "_absent", "_restart_asked"}
+        )
     },
     Acknowledgement: {"ASIDE": frozenset({"_until", "_seen"})},
     DriveWatch: {"ASIDE": frozenset({"fault_began", "fault_since"}), "SUPERVISION": frozenset({"shown"})},

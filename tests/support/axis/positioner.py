@@ -96,7 +96,7 @@ class PositionerRig:
 
     def __post_init__(self) -> None:
         self.positioner = BasicPositioner(replace(self.settings, blocks=self.blocks))
-        self.show(Seen.OPERATING, True)
+        self.show(Seen.OPERATING | Seen.STANDSTILL | Seen.STOPPED, True)
         self.positioner.set_drive(0, (-(1 << 30), 1 << 30), (-(1 << 31), (1 << 31) - 1))
         self.now = 0
         self.speed = 0

@@ -162,7 +162,7 @@ class MotionExecutor(Executor):
     def _cycle(self) -> Reason | None:
         """Run one cycle: state of the axis, commands, Controlword and mode. Returns why nothing moves just now."""
         interlock, mode, seen, positioner, inputs = self.interlock, self._mode, self._seen, self.positioner, self.inputs
-        action, before, statusword = interlock.action, positioner.state, self.feedback.statusword
+        action, before, statusword = interlock.cell.action, positioner.state, self.feedback.statusword
         operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[statusword & STATE_MASK]
         bits = 0
         if operates:

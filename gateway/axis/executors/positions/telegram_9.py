@@ -79,11 +79,10 @@ class PositioningExecutor(MotionExecutor):
         if mdi.home_set:
             flags |= Flag.HOME_SET
         if not homes:
-            of_the_task = mdi.course.motion.first <= self._seen.given
-            if self._acknowledges and of_the_task:
+            if self._acknowledges and mdi.course.motion.first <= self._seen.given:
                 flags |= Flag.TASK_ACKNOWLEDGED
-            selected = request.commands & _MDI_SELECTED != 0
-            self._active = self.interlock.action in _ENABLED and self.demand.connected and selected
+            enabled = self.interlock.cell.action in _ENABLED
+            self._active = enabled and self._asked.connected and request.commands & _MDI_SELECTED != 0
         active = self.homing.method & _ACTUAL_METHOD | (_MDI_ACTIVE if self._active else 0)
         return Report(reason, flags, position=scaling.position.to_wire(self.feedback.position_actual), active=active)
 
