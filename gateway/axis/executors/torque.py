@@ -60,16 +60,17 @@ class DriveWords:
         """One cycle. ``flags``: those of the axis, ``known``: the drive's units are."""
         actuals, feedback, reports = outputs.actuals, inputs.feedback, self._reports
         if self._message >= 0 and reports is not None:
-            statusword = feedback.statusword
-            actuals[self._message] = known and reports.word(
+            status = feedback.statusword
+            word = reports.word(
                 feedback.velocity_actual,
                 feedback.velocity_demand,
                 feedback.current_actual,
-                _MESSAGE_STATES[statusword & STATE_MASK],
-                target_reached=statusword & StatusBit.TARGET_REACHED != 0,
+                _MESSAGE_STATES[status & STATE_MASK],
+                target_reached=status & StatusBit.TARGET_REACHED != 0,
                 motor_hot=outputs.motor_hot,
                 stage_hot=outputs.stage_hot,
             )
+            actuals[self._message] = word if known else 0
         place = self._load
         if place >= 0:
             torque = feedback.current_actual if known else 0

@@ -432,7 +432,7 @@ def test_velocity_mode_passes_the_setpoint_in_operation_and_ramp_stop() -> None:
     assert bench.controlword & 0x7F == VL_RAMP | 0xF
     bench.drive.feedback.velocity_actual = 100
     bench.step(OFF)
-    assert bench.stepper.power.action is Action.RAMP
+    assert bench.stepper.power.cell.action is Action.RAMP
     assert bench.controlword & 0x7F == VL_RAMP | 0xF
     bench.step(ON & ~0x2)
     assert bench.controlword & 0x7F == 0
