@@ -75,7 +75,8 @@ class Course:
     def drop(self) -> None:
         """No goal any more: ramp to standstill."""
         self.motion.forget()
-        self.goal = self.held = None
+        self.drop_goal()
+        self.held = None
         self.sent = 0
         self._limit_since = -1
 
@@ -232,10 +233,6 @@ class UserCourse(Course):
         else:
             self.warning = Reason.SOFTWARE_LIMIT
             self.aim(replace(goal, target=inside, distance=None))
-
-    def drop(self) -> None:
-        Course.drop(self)
-        self.drop_goal()
 
     def _aim_again(self) -> None:
         """The software limits have another place: a target beyond them is replaced, or the axis stops if it is beyond already."""
