@@ -306,6 +306,11 @@ class BasicPositioner(Positioner):
         return self._passive_homing is PassiveHoming.ARMED
 
     @property
+    def queued(self) -> int:
+        """Serial of the setpoint that waits in the drive, 0 for none."""
+        return self._course.queued
+
+    @property
     def acknowledged(self) -> bool:
         """The task is acknowledged."""
         return self._acknowledge is Acknowledge.SHOWN

@@ -291,8 +291,6 @@ class Motion:
     goal: Goal = _NO_GOAL
     """The task as it was when the setpoint was sent."""
     override: int = FULL
-    immediate: bool = True
-    """False: the setpoint waits in the drive for the end of the one that runs."""
     torque: int | None = None
     """Torque limit in 1/1000 of the rated torque, None for the axis' own."""
 
@@ -300,7 +298,6 @@ class Motion:
         """Clear the data of a motion that is over. Its torque limit is cleared when the axis starts to brake."""
         self.first, self.goal = 0, _NO_GOAL
         self.override = FULL
-        self.immediate = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -174,7 +174,7 @@ class Course:
         motion = self.motion
         self.sent = motion.serial = serial = motion.serial + 1
         motion.kind, motion.goal, motion.torque = goal.kind, goal, goal.torque
-        motion.override, motion.immediate = override, True
+        motion.override = override
         if not motion.first:
             motion.first = serial
 
@@ -196,7 +196,7 @@ class UserCourse(Course):
     speed: Goal | None = None
     """The task of a function with a speed, without software limits."""
     queued: int = 0
-    """Serial of the setpoint that waits in the drive, 0 for none."""
+    """Serial of the setpoint that waits in the drive for the end of the one that runs, 0 for none."""
     limits: tuple[int, int] | None = None
     """The software limits, while they are watched."""
     limits_moved: bool = False
@@ -371,7 +371,6 @@ class UserCourse(Course):
         motion.goal = Goal(
             _POSITION, target, None, min(velocity, self.choices.max_velocity), acceleration, deceleration
         )
-        motion.immediate = False
         self.queued = motion.serial
 
     def use_queued(self) -> None:

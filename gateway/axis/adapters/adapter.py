@@ -46,7 +46,7 @@ class SignalAdapter:
 
     def __init__(self, telegram: Telegram) -> None:
         self.telegram = telegram
-        self.served = set(_SERVED_ELSEWHERE)
+        self.served = _SERVED_ELSEWHERE
         """Names of the signals whose place was requested."""
 
     def setpoint(self, name: str, *following: str) -> int:
@@ -63,7 +63,7 @@ class SignalAdapter:
         first = half.names.index(name)
         if half.names[first + 1 : first + 1 + len(following)] != following:
             raise GatewayError(f"telegram {self.telegram.number}: {name} is not followed by {', '.join(following)}")
-        self.served.update((name, *following))
+        self.served |= {name, *following}
         return first
 
     def check(self) -> None:

@@ -109,7 +109,7 @@ def test_a_flying_block_continues_without_a_stop() -> None:
         before = rig.result.block
         rig.step()
         stops += before == 1 and rig.result.block == 2
-    assert [motion.immediate for motion in rig.starts] == [True, False]
+    assert [motion.serial in rig.queued for motion in rig.starts] == [False, True]
     assert stops == 1
     assert rig.position == 3000
 
@@ -120,7 +120,7 @@ def test_a_flying_block_without_waiting_set_points_stops_and_warns() -> None:
     assert rig.result.warning is Reason.FLYING_NOT_SUPPORTED
     rig.run_out()
     assert rig.position == 3000
-    assert all(motion.immediate for motion in rig.starts)
+    assert not rig.queued
 
 
 def test_an_intermediate_stop_in_a_flying_chain_loses_and_doubles_nothing() -> None:

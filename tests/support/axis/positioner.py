@@ -105,6 +105,8 @@ class PositionerRig:
         self._arriving: tuple[int, Motion] | None = None
         self.starts: list[Motion] = []
         """Every setpoint accepted by the drive."""
+        self.queued: set[int] = set()
+        """Serials of those that wait in the drive for the end of the one that runs."""
         self.step()
 
     @property
@@ -155,6 +157,8 @@ class PositionerRig:
             return
         if wish.serial > seen.given and (self._arriving is None or seen.given < self._arriving[1].serial):
             self._arriving = (self.delay, replace(wish))
+            if wish.serial == self.positioner.queued:
+                self.queued.add(wish.serial)
         if self._arriving is None:
             return
         cycles, motion = self._arriving
@@ -165,7 +169,7 @@ class PositionerRig:
         self._arriving = None
         seen.taken = motion.serial
         self.starts.append(motion)
-        if not motion.immediate and not self._at_target():
+        if motion.serial in self.queued and not self._at_target():
             self.waiting = motion
             return
         self._begin(motion)

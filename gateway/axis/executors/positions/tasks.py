@@ -371,7 +371,7 @@ class PositionerExecutor(MotionExecutor):
             else:
                 relative = True
                 target -= ring.near(ring.position)
-        immediate = ControlBit.CHANGE_IMMEDIATELY if motion.immediate else 0
+        immediate = 0 if motion.serial == self._basic.queued else ControlBit.CHANGE_IMMEDIATELY
         self._set_point(target, immediate | (ControlBit.RELATIVE if relative else 0))
         self._seen.given = motion.serial
 
