@@ -59,7 +59,7 @@ def test_every_node_is_online_at_its_first_attempt(buses: int, nodes: int, bitra
             world.bus(str(bus)).taps.append(hear)
 
     with running(_plant(buses, nodes, bitrate), before) as daemon:
-        until(daemon, lambda: all(client.generation for client in daemon.clients), "all online", limit_s * SECOND)
+        online(daemon, limit_s * SECOND)
         world_of(daemon).loop.run_for(SECOND)
         assert timed_out == []
         assert {client.generation for client in daemon.clients} == {1}

@@ -286,7 +286,7 @@ def test_tool_that_only_reads_neither_keeps_a_drive_offline_nor_stops_it(two_pdo
 
     with running(configuration(axis(1, telegram_number=100)), before) as daemon:
         plc, other, drive = Plc(daemon, [100]), world_of(daemon).bus(CHANNEL).join("another tool"), daemon.axes[0].drive
-        for _ in range(500):
+        for _ in range(100):
             for read in reads:
                 other.send(SDO_REQUEST + 1, read.ljust(8, b"\0"))
                 plc.exchange()

@@ -26,6 +26,7 @@ from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import Identity, Station
 from tests.support.gateways.daemon import Plc, until
+from tests.support.gateways.daemon import online as nodes_online
 from tests.support.readers import captures
 from tests.support.readers.tshark_frames import datagram
 from tests.support.wire.ethernet import FakeEthernet
@@ -174,7 +175,7 @@ def plant(
     daemon.start()
     try:
         if online:
-            made.until(lambda: all(node.generation for node in daemon.clients), "nodes online")
+            nodes_online(daemon, _PATIENCE)
         yield made
     finally:
         daemon.stop()
