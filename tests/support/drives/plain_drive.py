@@ -7,11 +7,12 @@ from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit, next_sta
 
 
 class PlainDrive:
-    """One ``step`` per cycle: takes a command, updates the feedback. Speed follows the target by 1000 per step."""
+    """One ``step`` per cycle: takes a command, updates the feedback. Speed follows the target by ``ramp`` per step."""
 
     def __init__(self) -> None:
         self.state = State.SWITCH_ON_DISABLED
         self.feedback = DriveFeedback()
+        self.ramp = 1000
         self._previous = 0
         self.show()
 
@@ -40,7 +41,7 @@ class PlainDrive:
         if self.state is State.OPERATION_ENABLED and not word & ControlBit.HALT:
             target = command.target_velocity
         speed = self.feedback.velocity_actual
-        speed += max(-1000, min(1000, target - speed))
+        speed += max(-self.ramp, min(self.ramp, target - speed))
         if self.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
             speed = 0
         self.feedback.velocity_actual = speed
