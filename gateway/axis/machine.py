@@ -123,7 +123,8 @@ class AxisMachine:
             self.sensor.measure(possible=not settings.g1_is_encoder)
         if second is not None and settings.second_sensor is SecondSensor.DRIVE:
             second.channel.set_references(second.own.references)
-        self._words = DriveWords(self.adapter.message, self.adapter.load, self.adapter.codes)
+        places = self.adapter.message, self.adapter.load, self.adapter.codes
+        self._words = DriveWords(*places) if max(places) >= 0 else None
         self._node = NodeWatch(self.outputs)
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
@@ -250,7 +251,7 @@ class AxisMachine:
         """The actual values of the telegram."""
         inputs, outputs = self.inputs, self.outputs
         self.adapter.write(flags, report, outputs.actuals)
-        if self._words.any:
+        if self._words is not None:
             self._words.step(flags, inputs, outputs, known=known)
         outputs.good = inputs.drive_ok
         outputs.released = self.interlock.released
@@ -436,7 +437,8 @@ class AxisMachine:
         self._window = max(1, int(speed * self.settings.standstill_window))
         self._stop.set_drive(int(speed))
         self._check.set_drive(drive.scaling, self._window)
-        self._words.set_drive(drive)
+        if self._words is not None:
+            self._words.set_drive(drive)
         sensor, span = self.sensor, drive.scaling.position_span
         if sensor is not None and not self.settings.g1_is_encoder and sensor.own.references.total_range != span:
             sensor.own.references = replace(sensor.own.references, total_range=span)

@@ -45,7 +45,6 @@ class DriveWords:
     def __init__(self, message: int, load: int, codes: int) -> None:
         self._message, self._load, self._codes = message, load, codes
         """Places of the words, -1 without them."""
-        self.any = max(message, load, codes) >= 0
         self._reports: MessageWord | None = None
         self._full_power = 0
         """Rated torque at the reference speed, in the units of torque x velocity."""
