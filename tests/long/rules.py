@@ -136,6 +136,10 @@ class Rule(enum.Enum):
         self.source = source
         self.broken = broken
 
+    def __reduce_ex__(self, _protocol: object) -> tuple[object, ...]:
+        """By its name: the function cannot be sent to another process."""
+        return getattr, (Rule, self.name)
+
     ON = (
         "the power stage is switched on only while the PLC asks for it",
         _STATES,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
 from pdgw.dsp402.states import State
@@ -69,3 +71,7 @@ def test_each_rule_is_broken_by_its_own_record_alone(rule: Rule) -> None:
 )
 def test_stop_with_its_command_and_refusal_with_its_reason_break_no_rule(seen: Seen) -> None:
     assert broken(seen) == []
+
+
+def test_a_walk_in_another_process_can_name_the_broken_rule() -> None:
+    assert pickle.loads(pickle.dumps(Rule.STOPS)) is Rule.STOPS

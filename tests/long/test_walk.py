@@ -48,7 +48,7 @@ WALKED = [
     Case(9),
     Case(100),
 ]
-STEPS = 3000
+STEPS = 6000
 """Random inputs of each case."""
 LIKELY_FRAMES, LIKELY_DRIVE = ("OFF1", "ON+enable", "task"), ("Ready", "Switched", "Operation Enabled")
 """Names of the inputs that are drawn more often, so that a drive operates and a task runs."""
@@ -93,7 +93,7 @@ class Twins(Transducer):
 
 
 DIFFER: set[Attribute] = {
-    ("Demand", "power"),
+    ("SpeedDemand", "power"),
     ("DriveCommand", "profile_velocity"),
     ("DriveCommand", "target_position"),
     ("DriveWatch", "fault_began"),
