@@ -304,8 +304,11 @@ def test_a_homing_that_is_aborted_after_a_reject_is_not_reported_as_motion_witho
 
 
 @pytest.mark.parametrize("name", MAKES)
-def test_halt_of_a_task_that_is_rejected_at_once_stays_until_the_drive_shows_it(name: str) -> None:
-    """The drive gets each word five cycles late: before that it shows standstill, because it has not begun yet."""
+@pytest.mark.parametrize("rejected", range(1, 12))
+def test_halt_of_a_task_that_is_rejected_at_once_stays_until_the_drive_shows_it(name: str, rejected: int) -> None:
+    """The drive gets each word five cycles late: before that it shows standstill, because it has not begun yet. Its speed comes a
+    cycle after its acknowledge.
+    """
     make, values = MAKES[name]
     hand = make().enable()
     late = [hand.stepper.command.controlword] * 6
@@ -313,12 +316,12 @@ def test_halt_of_a_task_that_is_rejected_at_once_stays_until_the_drive_shows_it(
     runs = False
     for cycle in range(150):
         word, before = late[1], late[0]
+        hand.feedback.velocity_actual = FAST if runs else 0
         runs = runs or word & ~before & NEW_SETPOINT != 0
         braking = braking + 1 if runs and word & HALT else 0
         runs = runs and braking < 4
-        hand.feedback.velocity_actual = FAST if runs else 0
         shown = OPERATING | (StatusBit.MODE_12 if word & NEW_SETPOINT else 0)
-        stw1 = ON | ACTIVATE if cycle == 0 else ON & ~REJECT if cycle < 3 else ON
+        stw1 = ON | ACTIVATE if cycle < rejected else ON & ~REJECT if rejected <= cycle < rejected + 2 else ON
         late = [*late[1:], hand(stw1, shown | (0 if runs else StatusBit.TARGET_REACHED), **values)]
     assert not hand.stepper.events, "the drive has stopped by the first Halt"
     assert not late[-1] & HALT

@@ -79,6 +79,8 @@ class MotionExecutor(Executor):
         """Target reached, in answer to the setpoint that the drive executes."""
         self._taking = Answer(self.settings.latency_ns)
         """The acknowledge, in answer to the newest setpoint: a drive that has not shown it may still start."""
+        self._acts_at = 0
+        """When a setpoint or Halt was sent whose effect was not seen yet, monotonic ns; 0: none."""
         self._blocked = False
         """A setpoint waits for the drive to clear its last acknowledge."""
         self._stall = Stall(self.settings.stall_ns)
@@ -147,8 +149,14 @@ class MotionExecutor(Executor):
 
     @property
     def _rests(self) -> bool:
-        """The axis has stopped, and no setpoint is on its way that the drive may still start: Halt may fall."""
-        return self.stopped and self._taking.due(self.inputs.now)
+        """The axis has stopped, and no setpoint is on its way that the drive may still start: Halt may fall.
+
+        Without "target reached", a speed of 0 can be older than the start of the setpoint, or than Halt.
+        """
+        now, since = self.inputs.now, self._acts_at
+        if not self.feedback.statusword & StatusBit.TARGET_REACHED and since and now - since < self.settings.latency_ns:
+            return False
+        return self.stopped and self._taking.due(now)
 
     def _stop_reached(self, request: PositionerRequest) -> bool:
         """An intermediate stop of a traversing task has ended, and is shown so. With setting up, "target reached" may be that of
@@ -172,6 +180,8 @@ class MotionExecutor(Executor):
         self._taking.read(self._acknowledges, inputs.now)
         if inputs.standstill:
             bits |= Seen.STANDSTILL
+        else:
+            self._acts_at = 0
         if statusword & StatusBit.INTERNAL_LIMIT:
             bits |= Seen.INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
@@ -242,6 +252,8 @@ class MotionExecutor(Executor):
 
     def _halt(self) -> int:
         """Halt stops the setpoint."""
+        if not self._mode.halted:
+            self._acts_at = self.inputs.now
         if self._stopped_by_halt is _NONE:
             self._stopped_by_halt = _STOPPED
         return HALT
@@ -255,6 +267,7 @@ class MotionExecutor(Executor):
         """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
         self._seen.given = self.positioner.course.motion.serial
         self._taking.withdraw()
+        self._acts_at = 0
         self._end_set_point()
         self._end_stopped_setpoint()
         self._mode.abandon()
@@ -280,7 +293,7 @@ class MotionExecutor(Executor):
         low, high = self._target_range
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
-        self._set_at = self.inputs.now
+        self._set_at = self._acts_at = self.inputs.now
         self._taking.command(self.inputs.now, level=True)
         self._end_stopped_setpoint()
 
