@@ -94,6 +94,8 @@ class Memory(NamedTuple):
     """Steps of New Setpoint without an acknowledge, up to the first that needs a reason; -1 after an acknowledge."""
     entering: int = 0
     """Steps in Switched On after Enable Operation, up to the first that is too late."""
+    halting: int = 0
+    """Steps in which an axis with tasks turned in spite of Halt, up to the first that is too late: it may get Quick Stop."""
 
 
 class _Asked:
@@ -208,7 +210,7 @@ class _Step:
         asked, memory, seen = self.asked, self.memory, self.seen
         turns = self.shown.velocity != 0
         stopping = self.uncertain or self.shown.restarted or memory.brakes or memory.coasts or asked.disable
-        stuck = memory.entering > self.expected.enter_steps
+        stuck = max(memory.entering, memory.halting) > self.expected.enter_steps
         seen.ramps = asked.ramp and self.in_operation and turns and memory.enables > 0 and not (stopping or stuck)
         seen.off2 = asked.coast
         seen.off3 = asked.brake and (memory.connected or asked.stops)
@@ -274,6 +276,9 @@ class _Step:
         ends = asked.disable or state is State.QUICK_STOP_ACTIVE
         armed = (asked.connected and self.plc.word & _DISABLE != 0) or (memory.armed and not asked.begins)
         entering = min(memory.entering, self.expected.enter_steps) + 1
+        ignored = (
+            self.expected.tasks and self.in_operation and self.shown.velocity and seen.controlword & ControlBit.HALT
+        )
         return Memory(
             connected=asked.connected,
             released=self.released and (self.expected.resume or not self.ramp),
@@ -290,4 +295,5 @@ class _Step:
             lives=asked.lives,
             missed=asked.missed,
             entering=entering if memory.enables and state is State.SWITCHED_ON else 0,
+            halting=min(memory.halting, self.expected.enter_steps) + 1 if ignored else 0,
         )
