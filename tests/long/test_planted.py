@@ -25,7 +25,7 @@ from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import ACTIVATE, HOME, BasicPositioner
-from pdgw.gateway.motion.requests import Motion, PositionerRequest
+from pdgw.gateway.motion.requests import Command, Motion, PositionerRequest
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.frame import SignOfLife
@@ -166,7 +166,7 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
     ),
     "jog goes on without its bit": (
         Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
-        replaced(BasicPositioner, "_jog_bit", lambda self: self._jog or 1),
+        replaced(BasicPositioner, "_jog_bit", lambda self: self._jog or Command.JOG_1_ON),
     ),
     "handshake waits without a reason": (
         Narrow(9, tick_ns=LONG_TICK_NS),
