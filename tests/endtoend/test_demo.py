@@ -107,8 +107,8 @@ PASSING = {
 """What holds for a moment only, by the note of the expectation: a process that is held up does not see it."""
 
 
-ONLY_IN_VIRTUAL_TIME = "telegram 9: absolute move to 60000"
-"""Note of the first step that is left out: moves of telegram 9, torque and speed of telegram 100, the loss of the PLC."""
+ONLY_IN_VIRTUAL_TIME = ("telegram 9: absolute move to 60000", "speed follows")
+"""Notes of the first and of the last step that are left out: moves of telegram 9, torque and speed of telegram 100."""
 
 
 def without_passing_moments(chapter: str) -> str:
@@ -116,7 +116,8 @@ def without_passing_moments(chapter: str) -> str:
     document = yaml.safe_load(CHAPTERS[chapter].scenario.read_text(encoding="utf-8"))
     steps = document["steps"]
     notes = [step.get("note") for step in steps]
-    del steps[notes.index(ONLY_IN_VIRTUAL_TIME) :]
+    first, last = map(notes.index, ONLY_IN_VIRTUAL_TIME)
+    del steps[first : last + 1]
     for step in steps:
         passing = PASSING.get(step.get("note", ""), set())
         if passing:

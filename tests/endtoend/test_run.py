@@ -99,6 +99,33 @@ def turn_despite_other_traffic(plc: SocketPlc, port: int, status: int) -> None:
     plc.stays_off(0)
 
 
+def test_simulated_devices_accept_console_commands_and_faults(tmp_path: Path) -> None:
+    control, other = free_tcp_port(), free_tcp_port()
+    log, encoder_log = tmp_path / "drive.log", tmp_path / "encoder.log"
+    encoder = ["--node-id", "10", "--motion", "still=1.5", "--control-port", str(other)]
+    with (
+        running("sim", "drive", "--node-id", "3", "--control-port", str(control), log=log) as process,
+        running("sim", "encoder", *encoder, log=encoder_log) as turning,
+    ):
+        wait_for_text("commands:", log, process)
+        assert pdgw("sim", "inject", "--port", str(control), "fault", "7").stdout.strip() == "ok: fault 7, over-current"
+        wait_for(lambda: "fault 7" in pdgw("sim", "inject", "--port", str(control), "status").stdout, "fault shown")
+        bad = pdgw("sim", "inject", "--port", str(control), "fault", "13")
+        assert bad.returncode == 1
+        assert "fault number: 13" in bad.stderr
+        assert "is not a command" in pdgw("sim", "inject", "--port", str(control), "dance").stderr
+        assert process.stdin is not None
+        process.stdin.write("quit\n")
+        process.stdin.flush()
+        assert process.wait(PATIENCE_S) == 0
+
+        wait_for_text("rotary encoder 10 on virtual", encoder_log, turning)
+        assert pdgw("sim", "inject", "--port", str(other), "fault", "temperature").stdout == "ok: temperature\n"
+        answer = pdgw("sim", "inject", "--port", str(other), "status").stdout
+        assert "node 10: encoder, NMT PRE_OPERATIONAL, model rotary, position [6144]" in answer
+        assert "misbehaves: temperature" in answer
+
+
 def test_the_keyboard_turns_the_drive_from_a_terminal_which_is_restored(tmp_path: Path) -> None:
     port, status = free_udp_port(), free_tcp_port()
     master, slave = pty.openpty()

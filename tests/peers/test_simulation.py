@@ -207,7 +207,6 @@ def test_sim_bus_serves_the_devices_of_a_file_and_is_controlled_both_ways(tmp_pa
         assert drive_2.endswith("misbehaves: slow-sdo reboot-in-motion")
         assert encoder.endswith("misbehaves: battery")
         assert pdgw(*inject, "@1", "fault", "under-voltage").stdout == "ok: under-voltage voltage=9000\n"
-        assert "fault number: 13" in pdgw(*inject, "@1", "fault", "13").stderr
         assert ", fault 6, " in pdgw(*inject, "@1", "status").stdout
         assert ", warnings battery charge, " in pdgw(*inject, "@10", "status").stdout
         assert process.stdin is not None
