@@ -58,7 +58,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     Homing: {"INSTANTS": lambda item: {"_started": item._latency}},
     ModeSwitch: {"INSTANTS": {"since": MODE_CONFIRM_NS}, "PASSING": frozenset({"asked"})},
     MotionExecutor: {
-        "INSTANTS": lambda item: {"_set_at": ACKNOWLEDGE_NS, "_acts_at": item.settings.latency_ns},
+        "INSTANTS": {"_set_at": ACKNOWLEDGE_NS},
         "PASSING": frozenset({"_position_objects"}),
     },
     PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},

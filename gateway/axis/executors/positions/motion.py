@@ -79,8 +79,8 @@ class MotionExecutor(Executor):
         """Target reached, in answer to the setpoint that the drive executes."""
         self._taking = Answer(self.settings.latency_ns)
         """The acknowledge, in answer to the newest setpoint: a drive that has not shown it may still start."""
-        self._acts_at = 0
-        """When a setpoint or Halt was sent whose effect was not seen yet, monotonic ns; 0: none."""
+        self._effect = Answer(self.settings.latency_ns)
+        """Whether the newest setpoint or Halt has had the time to show at the shaft."""
         self._blocked = False
         """A setpoint waits for the drive to clear its last acknowledge."""
         self._stall = Stall(self.settings.stall_ns)
@@ -153,10 +153,9 @@ class MotionExecutor(Executor):
 
         Without "target reached", a speed of 0 can be older than the start of the setpoint, or than Halt.
         """
-        now, since = self.inputs.now, self._acts_at
-        if not self.feedback.statusword & StatusBit.TARGET_REACHED and since and now - since < self.settings.latency_ns:
-            return False
-        return self.stopped and self._taking.due(now)
+        now = self.inputs.now
+        shown = self.feedback.statusword & StatusBit.TARGET_REACHED != 0 or self._effect.due(now)
+        return shown and self.stopped and self._taking.due(now)
 
     def _stop_reached(self, request: PositionerRequest) -> bool:
         """An intermediate stop of a traversing task has ended, and is shown so. With setting up, "target reached" may be that of
@@ -181,7 +180,7 @@ class MotionExecutor(Executor):
         if inputs.standstill:
             bits |= Seen.STANDSTILL
         else:
-            self._acts_at = 0
+            self._effect.withdraw()
         if statusword & StatusBit.INTERNAL_LIMIT:
             bits |= Seen.INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
@@ -253,7 +252,7 @@ class MotionExecutor(Executor):
     def _halt(self) -> int:
         """Halt stops the setpoint."""
         if not self._mode.halted:
-            self._acts_at = self.inputs.now
+            self._effect.command(self.inputs.now)
         if self._stopped_by_halt is _NONE:
             self._stopped_by_halt = _STOPPED
         return HALT
@@ -267,7 +266,7 @@ class MotionExecutor(Executor):
         """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
         self._seen.given = self.positioner.course.motion.serial
         self._taking.withdraw()
-        self._acts_at = 0
+        self._effect.withdraw()
         self._end_set_point()
         self._end_stopped_setpoint()
         self._mode.abandon()
@@ -293,7 +292,8 @@ class MotionExecutor(Executor):
         low, high = self._target_range
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
-        self._set_at = self._acts_at = self.inputs.now
+        self._set_at = self.inputs.now
+        self._effect.command(self.inputs.now)
         self._taking.command(self.inputs.now, level=True)
         self._end_stopped_setpoint()
 
