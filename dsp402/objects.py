@@ -248,33 +248,30 @@ def known_objects() -> tuple[ObjectSpec, ...]:
 # Source: CiA 402-2.
 
 
-_RW, _RO = Access.RW, Access.RO
-_I8, _I16, _I32 = CanType.I8, CanType.I16, CanType.I32
-_U8, _U32 = CanType.U8, CanType.U32
 _METHODS = 37
 
 
-def _ratio(index: int, name: str, first: str, second: str, type_: CanType = _U32) -> ObjectSpec:
-    return array(index, name, Entry(index, 1, first, type_, _RW), Entry(index, 2, second, type_, _RW))
+def _ratio(index: int, name: str, first: str, second: str, type_: CanType = U32) -> ObjectSpec:
+    return array(index, name, Entry(index, 1, first, type_, RW), Entry(index, 2, second, type_, RW))
 
 
 FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
-    var(VL_TARGET_VELOCITY, "vl target velocity", _I16, _RW, pdo=True, attribute="target_velocity"),
-    var(0x6043, "vl velocity demand", _I16, _RO, pdo=True, attribute="velocity_demand"),
-    var(0x6044, "vl velocity actual value", _I16, _RO, pdo=True, attribute="velocity_actual"),
+    var(VL_TARGET_VELOCITY, "vl target velocity", I16, RW, pdo=True, attribute="target_velocity"),
+    var(0x6043, "vl velocity demand", I16, RO, pdo=True, attribute="velocity_demand"),
+    var(0x6044, "vl velocity actual value", I16, RO, pdo=True, attribute="velocity_actual"),
     _ratio(VL_MIN_MAX, "vl velocity min max amount", "Minimum", "Maximum"),
     _ratio(VL_ACCELERATION, "vl velocity acceleration", "Delta speed", "Delta time"),
     _ratio(VL_DECELERATION, "vl velocity deceleration", "Delta speed", "Delta time"),
-    _ratio(VL_SETPOINT_FACTOR, "vl setpoint factor", "Numerator", "Denominator", _I16),
-    _ratio(VL_DIMENSION_FACTOR, "vl dimension factor", "Numerator", "Denominator", _I32),
-    _ratio(SOFTWARE_POSITION_LIMIT, "Software position limit", "Minimum", "Maximum", _I32),
-    var(POLARITY, "Polarity", _U8),
-    var(POSITION_NOTATION, "Position notation index", _I8),
-    var(POSITION_DIMENSION, "Position dimension index", _U8),
-    var(VELOCITY_NOTATION, "Velocity notation index", _I8),
-    var(VELOCITY_DIMENSION, "Velocity dimension index", _U8),
-    var(ACCELERATION_NOTATION, "Acceleration notation index", _I8),
-    var(ACCELERATION_DIMENSION, "Acceleration dimension index", _U8),
+    _ratio(VL_SETPOINT_FACTOR, "vl setpoint factor", "Numerator", "Denominator", I16),
+    _ratio(VL_DIMENSION_FACTOR, "vl dimension factor", "Numerator", "Denominator", I32),
+    _ratio(SOFTWARE_POSITION_LIMIT, "Software position limit", "Minimum", "Maximum", I32),
+    var(POLARITY, "Polarity", U8),
+    var(POSITION_NOTATION, "Position notation index", I8),
+    var(POSITION_DIMENSION, "Position dimension index", U8),
+    var(VELOCITY_NOTATION, "Velocity notation index", I8),
+    var(VELOCITY_DIMENSION, "Velocity dimension index", U8),
+    var(ACCELERATION_NOTATION, "Acceleration notation index", I8),
+    var(ACCELERATION_DIMENSION, "Acceleration dimension index", U8),
     _ratio(POSITION_ENCODER_RESOLUTION, "Position encoder resolution", "Encoder increments", "Motor revolutions"),
     _ratio(
         VELOCITY_ENCODER_RESOLUTION,
@@ -287,13 +284,13 @@ FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
     _ratio(POSITION_FACTOR, "Position factor", "Numerator", "Divisor"),
     _ratio(VELOCITY_FACTOR, "Velocity factor", "Numerator", "Divisor"),
     _ratio(ACCELERATION_FACTOR, "Acceleration factor", "Numerator", "Divisor"),
-    var(SI_UNIT_POSITION, "SI unit position", _U32),
-    var(SI_UNIT_VELOCITY, "SI unit velocity", _U32),
-    var(SI_UNIT_ACCELERATION, "SI unit acceleration", _U32),
+    var(SI_UNIT_POSITION, "SI unit position", U32),
+    var(SI_UNIT_VELOCITY, "SI unit velocity", U32),
+    var(SI_UNIT_ACCELERATION, "SI unit acceleration", U32),
     array(
         SUPPORTED_HOMING_METHODS,
         "Supported homing methods",
-        *(Entry(SUPPORTED_HOMING_METHODS, sub, f"Homing method {sub}", _I8, _RO) for sub in range(1, _METHODS + 1)),
+        *(Entry(SUPPORTED_HOMING_METHODS, sub, f"Homing method {sub}", I8, RO) for sub in range(1, _METHODS + 1)),
     ),
 )
 """Objects with an image attribute belong to velocity mode (vl): they replace it in a drive with no other speed mode."""
