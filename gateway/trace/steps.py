@@ -13,7 +13,7 @@ from typing import Any, Final, cast
 
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.gateway.axis.encoder_machine import EncoderInputs
-from pdgw.gateway.axis.values import EncoderInput, Inputs, Outputs
+from pdgw.gateway.axis.values import EncoderInput, Events, Inputs, Outputs
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
@@ -121,7 +121,7 @@ _UNKNOWN: Final[tuple[Any, ...]] = (0, *([None] * len(GROUPS)))
 """The values before the first step: setpoints are None where there is no PLC."""
 
 
-EVENTS: Final = ("acknowledged", "emergency_over", "faults", "log_lines", "read_fault")
+EVENTS: Final = tuple(sorted(item.name for item in fields(Events)))
 """What a step reports in ``Outputs.events``."""
 
 

@@ -15,7 +15,7 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.values import PresetAnswer, ProbeAnswer, SdoAnswer
+from pdgw.gateway.axis.values import Events, PresetAnswer, ProbeAnswer, SdoAnswer
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
@@ -231,9 +231,8 @@ class _Object:
         if not events and outputs.events is None and orders == self._orders:
             return
         before, self._orders = self._orders, orders
-        found = {name: getattr(outputs.events, name, None) for name in EVENTS} | {
-            "orders": orders if orders != before else []
-        }
+        happened = outputs.events or Events()
+        found = {name: getattr(happened, name) for name in EVENTS} | {"orders": orders if orders != before else []}
         for name, values in found.items():
             now = to_json(values) or []
             recorded = events.get(name, [])
