@@ -160,9 +160,9 @@ class Course:
             return Reason.OVERRIDE_ZERO
         seen, since = self.seen, self._limit_since
         if since:
-            stands = seen.bits & _STOPPED_AT_LIMIT == _STOPPED_AT_LIMIT and self.sent and seen.given >= self.sent
+            at_limit = seen.bits & _STOPPED_AT_LIMIT == _STOPPED_AT_LIMIT and self.sent and seen.given >= self.sent
             # At a fixed stop the axis is meant to stay at the torque limit.
-            if not stands or goal.torque is not None or self.arrived():
+            if not at_limit or goal.torque is not None or self.arrived():
                 self._limit_since = -1
             elif since < 0:
                 self._limit_since = now

@@ -443,8 +443,12 @@ def test_another_program_on_the_status_port_is_reported() -> None:
         thread.join()
 
 
-@pytest.mark.parametrize(("longest", "told"), [(1000, "does not come from a gateway"), (1 << 30, "no gateway answers")])
-def test_an_endless_answer_of_the_status_port_is_cut(longest: int, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("longest", "expected"), [(1000, "does not come from a gateway"), (1 << 30, "no gateway answers")]
+)
+def test_an_endless_answer_of_the_status_port_is_cut(
+    longest: int, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(status_client, "_LONGEST", longest)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -456,7 +460,7 @@ def test_an_endless_answer_of_the_status_port_is_cut(longest: int, told: str, mo
 
         thread = threading.Thread(target=answer)
         thread.start()
-        with pytest.raises(GatewayError, match=told):
+        with pytest.raises(GatewayError, match=expected):
             fetch(server.getsockname()[1], PATIENCE_S if longest == 1000 else 0.1)
         thread.join()
 

@@ -108,7 +108,7 @@ def test_what_a_shape_lacks_is_what_the_axis_machine_refuses(site: Site, name: s
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "expected"),
     [
         ("engel", "is the gateway's heartbeat (1016h, 300 ms), then quick stop (6007h = 3)"),
         ("node-guarding", "is life guarding (100Ch, 100Dh, 300 ms)"),
@@ -116,10 +116,10 @@ def test_what_a_shape_lacks_is_what_the_axis_machine_refuses(site: Site, name: s
         ("unguarded", "is nothing; pdgw run rejects it; set allow_unguarded = true"),
     ],
 )
-def test_scan_reports_what_stops_a_drive_when_the_gateway_dies(site: Site, name: str, told: str) -> None:
+def test_scan_reports_what_stops_a_drive_when_the_gateway_dies(site: Site, name: str, expected: str) -> None:
     site.world.drive(BUS, 7, shape=SHAPES[name])
     (note,) = site.scan()[7].notes
-    assert note.startswith(f"if the gateway dies, this device is stopped by {told.removeprefix('is ')}")
+    assert note.startswith(f"if the gateway dies, this device is stopped by {expected.removeprefix('is ')}")
 
 
 KNOWN_TO_STOP = Overlay(name="test", title="test", sources=("this test",), quirks=QuirkKeys(sync_loss_periods=3))
@@ -127,7 +127,7 @@ _DSC = 'dsc = "speed"\nfollowing_window = 4096'
 
 
 @pytest.mark.parametrize(
-    ("telegram", "more", "has_period", "told"),
+    ("telegram", "more", "has_period", "expected"),
     [
         (105, _DSC, True, "the loss of SYNC (3 periods of 4000 us, 1006h), then its own reaction"),
         (105, _DSC, False, "nothing; pdgw run rejects it; set allow_unguarded = true"),
@@ -142,7 +142,7 @@ _DSC = 'dsc = "speed"\nfollowing_window = 4096'
     ],
 )
 def test_the_loss_of_sync_counts_where_the_configured_telegram_has_it_and_the_family_is_known_to_stop(
-    site: Site, monkeypatch: pytest.MonkeyPatch, telegram: int, more: str, has_period: bool, told: str
+    site: Site, monkeypatch: pytest.MonkeyPatch, telegram: int, more: str, has_period: bool, expected: str
 ) -> None:
     monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     lacks = SYNCHRONOUS.lacks | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT}
@@ -153,7 +153,7 @@ def test_the_loss_of_sync_counts_where_the_configured_telegram_has_it_and_the_fa
     before = len(site.sent)
     config = configuration(axis(1, telegram_number=telegram, more=more))
     found = site.scan(expected=expected_on(config, config.can[0]))[1]
-    assert f"if the gateway dies, this device is stopped by {told.removeprefix('is ')}" in found.notes
+    assert f"if the gateway dies, this device is stopped by {expected.removeprefix('is ')}" in found.notes
     assert all(message.data[0] & 0xE0 in {_UPLOAD, _UPLOAD_SEGMENT, _ABORT} for message in site.sent[before:])
 
 
