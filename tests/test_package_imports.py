@@ -141,7 +141,7 @@ BUDGET = {
     "dsp402.drive": 9098,
     "dsp406": 5819,
     "gateway": 10087,
-    "gateway.motion": 14460,
+    "gateway.motion": 14456,
     "gateway.axis": 14043,
     "gateway.axis.adapters": 4600,
     "gateway.axis.executors": 6476,

@@ -391,7 +391,7 @@ class AxisMachine:
                     if item.restarted:
                         self.interlock.restarted()
                         self.executor.restarted()
-                    self.set_drive(item.drive_type, item.homing_method)
+                    self._set_drive(item.drive_type, item.homing_method)
                 case SdoAnswer():
                     if outputs.writes == item.writes:
                         outputs.writes = None
@@ -423,7 +423,7 @@ class AxisMachine:
         """Everything the telegram lacks of the drive's units, with the keys that give it."""
         return missing(drive.scaling, self._needed, converts=self._converts)
 
-    def set_drive(self, drive: DriveType | None, homing_method: int) -> None:
+    def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
         """Set the drive. One with unknown 100 % values or without a needed mode blocks operation (fault 104)."""
         self.usable = False
         if drive is None:

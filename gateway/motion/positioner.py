@@ -81,9 +81,9 @@ class PassiveHoming(enum.Enum):
     OVER = "has ended, and is still requested"
 
 
-_NOT_OWED: Final = Acknowledge.NONE
+_NOT_OWED, _SHOWN = Acknowledge.NONE, Acknowledge.SHOWN
 _NOT_PASSIVE, _ARMED, _OVER = PassiveHoming.OFF, PassiveHoming.ARMED, PassiveHoming.OVER
-_STANDSTILL = Seen.STANDSTILL
+_STANDSTILL, _STAND = Seen.STANDSTILL, MotionKind.STAND
 _FIRST = {bit.name: bit.mask for bit in signal("POS_ZSW1").bits}
 _SECOND = {bit.name: bit.mask for bit in signal("POS_ZSW2").bits}
 _FUNCTION_BITS = {
@@ -303,7 +303,7 @@ class BasicPositioner(Positioner):
     @property
     def armed(self) -> bool:
         """The probe is to be armed: passive homing."""
-        return self._passive_homing is PassiveHoming.ARMED
+        return self._passive_homing is _ARMED
 
     @property
     def queued(self) -> int:
@@ -313,7 +313,7 @@ class BasicPositioner(Positioner):
     @property
     def acknowledged(self) -> bool:
         """The task is acknowledged."""
-        return self._acknowledge is Acknowledge.SHOWN
+        return self._acknowledge is _SHOWN
 
     @property
     def reached(self) -> bool:
@@ -604,15 +604,12 @@ class BasicPositioner(Positioner):
         if reached:
             second |= _SECOND["SETPOINT_STATIONARY"] | _SECOND["SETPOINT_REACHED"]
         else:
-            second |= _SECOND["SETPOINT_STATIONARY" if course.motion.kind is MotionKind.STAND else "TRAVERSING"]
+            second |= _SECOND["SETPOINT_STATIONARY" if course.motion.kind is _STAND else "TRAVERSING"]
         if not seen & _STANDSTILL:
             second |= _SECOND["MOVES_FORWARD" if speed > 0 else "MOVES_BACKWARD"]
         elif course.limits is not None:
-            position, (low, high), window = (
-                self.seen.position + course.offset,
-                course.limits,
-                self.choices.position_window,
-            )
+            position, window = self.seen.position + course.offset, self.choices.position_window
+            low, high = course.limits
             if position <= low + window:
                 second |= _SECOND["SOFTWARE_LIMIT_MINUS"]
             if position >= high - window:
@@ -645,4 +642,4 @@ class BasicPositioner(Positioner):
         elif task is not None:
             still = task.event is _BLOCK_TASK and block is not None and not block.task.moves
             if still or course.speed is not None or 0 < course.motion.first <= self.seen.taken:
-                self._acknowledge = Acknowledge.SHOWN
+                self._acknowledge = _SHOWN
