@@ -218,17 +218,8 @@ class StepRecord:
 
     def take(self) -> bytes:
         """The last step; the recorder calls it in each cycle."""
-        outputs, item = self._outputs, self._item
-        values, last = self._read(), self._last
-        events = b""
-        if values == last:
-            if outputs.events is None and not item.given:
-                return _NOTHING
-        else:
-            self._last = values
-        orders = values[-1]
-        if outputs.events is not None or item.given or orders != self._orders:
-            events = self._events(orders)
+        outputs, item, last = self._outputs, self._item, self._last
+        values = self._last = self._read()
         mask, parts = 0, [b""]
         setpoints = values[0]
         if setpoints != last[0]:
@@ -242,9 +233,14 @@ class StepRecord:
             if group != last[number]:
                 mask |= bit
                 parts.append(pack(*group))
-        if events:
-            mask |= HAS_EVENTS
-            parts += (LENGTH.pack(len(events)), events)
+        orders = values[-1]
+        if outputs.events is not None or item.given or orders != self._orders:
+            events = self._events(orders)
+            if events:
+                mask |= HAS_EVENTS
+                parts += (LENGTH.pack(len(events)), events)
+        if not mask:
+            return _NOTHING
         parts[0] = MASK.pack(mask)
         return b"".join(parts)
 
