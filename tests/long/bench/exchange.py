@@ -1,8 +1,9 @@
-"""The cyclic exchange over UDP with ideal drives, compared with a plain UDP echo in C of the same run.
+"""The cyclic exchange over UDP with ideal drives, compared with a floor of the same run: a C program that echoes the datagram and
+then has the same frames of the buses, without any work.
 
 The client has a fixed schedule: it sends each cycle's frame when it is due, whatever the result of the last one. An answer
 counts if it arrives before the next frame is sent; later the cycle is missed and counts with the whole period. So a slow
-gateway cannot hide its delay by slowing the client (coordinated omission). The echo gets its datagram half a period later.
+gateway cannot hide its delay by slowing the client (coordinated omission). The floor gets its datagram half a period later.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.demo.links import free_ports
 
-ROWS = ((1, 3, 1), (8, 3, 1), (64, 3, 1), (1, 3, 4), (8, 3, 4), (64, 3, 4), (30, 30, 10))
+ROWS = ((1, 3, 1), (8, 3, 1), (1, 3, 4), (8, 3, 4), (64, 3, 4), (30, 30, 10))
 """Axes, axes on each bus, and cycle time in milliseconds."""
 TITLES = ("axes", "on a bus", "cycle", "", "p50", "p99", "p99.9", "missed", "CPU a cycle", "memory")
 _OFF, _ON = 0x047E, 0x047F
@@ -166,12 +167,12 @@ def run(peers: Sequence[Peer], cycles: int, period_ns: int) -> None:
 class Row(NamedTuple):
     """The latencies in microseconds (50 %, 99 %, 99.9 %), and what the gateway takes."""
 
-    echo: list[float]
+    floor: list[float]
     gateway: list[float]
     missed: tuple[int, int]
-    """Cycles without an answer in their period: of the echo, of the gateway."""
-    cpu_us: float
-    """CPU of a cycle, all threads."""
+    """Cycles without an answer in their period: of the floor, of the gateway."""
+    cpu_us: tuple[float, float]
+    """CPU of a cycle, all threads: of the floor, of the gateway."""
     resident_mib: float
 
 
@@ -181,7 +182,8 @@ def measure(axes: int, per_bus: int, cycle_ms: float, seconds: float) -> Row:
     cycles = max(_SPEEDS, int(seconds * SECOND) // period_ns)
     plc = Axes(axes, period_ns)
     with ExitStack() as at_end:
-        echo = Peer(at_end.enter_context(_echo()), Echo(len(plc.datagram())))
+        floor_pid, floor_port = at_end.enter_context(_floor(axes, per_bus))
+        floor = Peer(floor_port, Echo(len(plc.datagram())))
         pid, port = at_end.enter_context(_gateway(axes, per_bus, cycle_ms))
         peer = Peer(port, plc)
         for _ in range(_PATIENCE_S * SECOND // (10 * period_ns)):
@@ -190,19 +192,22 @@ def measure(axes: int, per_bus: int, cycle_ms: float, seconds: float) -> Row:
                 break
             plc.enable()
         peer.begin()
-        before = cpu_ns(pid)
-        run([peer, echo], cycles, period_ns)
-        used = cpu_ns(pid) - before
+        before = [cpu_ns(process) for process in (floor_pid, pid)]
+        run([peer, floor], cycles, period_ns)
+        floor_us, gateway_us = (
+            (cpu_ns(process) - start) / cycles / US for process, start in zip((floor_pid, pid), before, strict=True)
+        )
         if not plc.operating or not peer.samples:
             raise GatewayError(f"the axes left operation; {peer.missed} of {cycles} cycles had no answer")
-        missed = echo.missed, peer.missed
+        missed = floor.missed, peer.missed
         pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
         memory = pages * os.sysconf("SC_PAGE_SIZE") / (1 << 20)
-        return Row(echo.percentiles(period_ns), peer.percentiles(period_ns), missed, used / cycles / US, memory)
+        latencies = floor.percentiles(period_ns), peer.percentiles(period_ns)
+        return Row(*latencies, missed, (floor_us, gateway_us), memory)
 
 
 def rows(seconds: float) -> Iterator[tuple[str, ...]]:
-    """The lines of the table: gateway and echo of each row, then how many times as long the gateway takes."""
+    """The lines of the table: gateway and floor of each row, then how many times as much the gateway takes."""
     for axes, per_bus, cycle_ms in ROWS:
         place = (str(axes), str(per_bus), f"{cycle_ms:g} ms")
         try:
@@ -210,12 +215,14 @@ def rows(seconds: float) -> Iterator[tuple[str, ...]]:
         except GatewayError as error:
             yield (*place, f"refused: {error}")
             continue
-        missed = [str(number) for number in row.missed]
-        cost = (f"{row.cpu_us:.0f} us", f"{row.resident_mib:.0f} MiB")
-        yield (*place, "gateway", *(f"{value:.0f} us" for value in row.gateway), missed[1], *cost)
-        yield ("", "", "", "echo in C", *(f"{value:.0f} us" for value in row.echo), missed[0])
-        ratios = (f"{ours / floor:.2f}" for ours, floor in zip(row.gateway, row.echo, strict=True))
-        yield ("", "", "", "ratio", *ratios)
+        floor, gateway = (
+            (*(f"{value:.0f} us" for value in values), str(missed), f"{cpu:.0f} us")
+            for values, missed, cpu in zip((row.floor, row.gateway), row.missed, row.cpu_us, strict=True)
+        )
+        yield (*place, "gateway", *gateway, f"{row.resident_mib:.0f} MiB")
+        yield ("", "", "", "floor", *floor)
+        ratios = (f"{ours / least:.2f}" for ours, least in zip(row.gateway, row.floor, strict=True))
+        yield ("", "", "", "ratio", *ratios, "", f"{row.cpu_us[1] / row.cpu_us[0]:.2f}")
 
 
 def cpu_ns(pid: int) -> int:
@@ -225,24 +232,24 @@ def cpu_ns(pid: int) -> int:
 
 
 @contextmanager
-def _started(*command: str) -> Iterator[str]:
-    """Start a process that prints a line when it is ready and ends with its standard input."""
+def _started(*command: str) -> Iterator[tuple[int, str]]:
+    """Start a process that prints a line when it is ready and ends with its standard input; its number and the line."""
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
-            yield process.stdout.readline()
+            yield process.pid, process.stdout.readline()
         finally:
             process.communicate(timeout=_PATIENCE_S)
 
 
 @contextmanager
-def _echo() -> Iterator[int]:
-    """Start the echo; its port. It needs a C compiler."""
+def _floor(axes: int, per_bus: int) -> Iterator[tuple[int, int]]:
+    """Start the floor; its process and port. It needs a C compiler."""
     with tempfile.TemporaryDirectory() as folder:
-        program = str(Path(folder) / "echo")
-        subprocess.run(["cc", "-O2", "-o", program, str(Path(__file__).with_name("echo.c"))], check=True)
-        with _started(program) as line:
-            yield int(line)
+        program = str(Path(folder) / "floor")
+        subprocess.run(["cc", "-O2", "-o", program, str(Path(__file__).with_name("floor.c"))], check=True)
+        with _started(program, str(axes), str(per_bus)) as (pid, line):
+            yield pid, int(line)
 
 
 @contextmanager
@@ -255,7 +262,8 @@ def _gateway(axes: int, per_bus: int, cycle_ms: float) -> Iterator[tuple[int, in
     with ExitStack() as at_end:
         folder = Path(at_end.enter_context(tempfile.TemporaryDirectory()))
         drives = (sys.executable, "-m", "tests.long.bench.drives", str(axes), str(per_bus))
-        for bus, channel in enumerate(at_end.enter_context(_started(*drives)).split()):
+        _, channels = at_end.enter_context(_started(*drives))
+        for bus, channel in enumerate(channels.split()):
             text += f'[[can]]\nname = "can{bus}"\ninterface = "{INTERFACE}"\nchannel = "{channel}"\n'
         for axis in range(axes):
             text += f'[[axis]]\ndo_id = {axis + 1}\nnode_id = {axis % per_bus + 1}\ncan = "can{axis // per_bus}"\n'
