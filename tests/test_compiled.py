@@ -46,6 +46,14 @@ def test_compiled_modules_exist_and_avoid_known_pitfalls(name: str) -> None:
             assert not (floats and all(floats)), (
                 f"{ast.unparse(item.target)}: mypyc takes a constant tuple of floats for one that is not set"
             )
+        if isinstance(item, ast.FunctionDef):
+            calls = [
+                part for part in ast.walk(item) if isinstance(part, ast.Call) and "addressof" in ast.unparse(part.func)
+            ]
+            kept = {argument.arg for argument in item.args.args}
+            assert {ast.unparse(call.args[0]) for call in calls} <= kept, (
+                f"{item.name}: a compiled function releases a local variable after its last use; the caller keeps an argument"
+            )
         if isinstance(item, ast.ClassDef):
             derived = {ast.unparse(base).partition(".")[0] for base in item.bases} & of_libraries
             assert not derived, f"{item.name}: a class of an interpreted library cannot be a compiled one's base"

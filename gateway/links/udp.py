@@ -39,8 +39,12 @@ _EVERYTHING = 0xFFFF
 def attach(to: socket.socket, program: Sequence[Instruction]) -> None:
     """Have the kernel drop what the program returns 0 for; OSError where it cannot."""
     code = b"".join(struct.pack("HBBI", *instruction) for instruction in program)
-    buffer = ctypes.create_string_buffer(code, len(code))
-    to.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, struct.pack("HL", len(program), ctypes.addressof(buffer)))
+    _attach(to, len(program), ctypes.create_string_buffer(code, len(code)))
+
+
+def _attach(to: socket.socket, length: int, code: ctypes.Array[ctypes.c_char]) -> None:
+    # The caller keeps the code until the kernel has it: a compiled function releases a variable after its last use.
+    to.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, struct.pack("HL", length, ctypes.addressof(code)))
 
 
 def detach(of: socket.socket) -> None:
