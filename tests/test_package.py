@@ -73,8 +73,8 @@ def test_metadata_has_author_description_and_audience() -> None:
 
 
 def documentation(found: Any) -> str | None:
-    """The docstring; compiled classes have theirs in the source beside them."""
-    if isinstance(found, type) and not found.__doc__:
+    """The docstring; what is compiled has its own in the source beside it."""
+    if not found.__doc__ and hasattr(found, "__name__"):
         source = Path(sys.modules[found.__module__].__file__ or "")
         tree = ast.parse(source.with_name(f"{source.name.partition('.')[0]}.py").read_text(encoding="utf-8"))
         return next(ast.get_docstring(item) for item in ast.walk(tree) if getattr(item, "name", "") == found.__name__)  # type: ignore[arg-type]

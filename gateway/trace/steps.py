@@ -125,22 +125,22 @@ EVENTS: Final = tuple(sorted(item.name for item in fields(Events)))
 """What a step reports in ``Outputs.events``."""
 
 
-def _numbers(item: object) -> list[tuple[str, int]]:
+def _numbers(item: object) -> dict[str, type]:
     """The attributes with a number, by name; of a new object, because this makes all later accesses to its attributes slow."""
-    names = (name for name in dir(item) if name.islower() and not name.startswith("_"))
-    return [(name, value) for name in names if isinstance(value := getattr(item, name), int)]
+    kinds = ((name, type(getattr(item, name))) for name in dir(item) if name.islower() and not name.startswith("_"))
+    return {name: kind for name, kind in kinds if issubclass(kind, int)}
 
 
 def _given(item: object) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The names of flags and of numbers."""
     found = _numbers(item)
-    flags = tuple(name for name, value in found if isinstance(value, bool))
-    return flags, tuple(name for name, _ in found if name not in {*flags, "now"})
+    flags = tuple(name for name, kind in found.items() if kind is bool)
+    return flags, tuple(name for name in found if name not in {*flags, "now"})
 
 
 _AXIS: Final = _given(Inputs(DriveFeedback()))
 _ENCODER: Final = _given(EncoderInputs(cast("EncoderInput", None)))
-_DECIDED: Final = tuple(name for name, _ in _numbers(Outputs(0, None)) if name != "saturations")
+_DECIDED: Final = tuple(name for name in _numbers(Outputs(0, None)) if name != "saturations")
 
 
 class StepRecord:

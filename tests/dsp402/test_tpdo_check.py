@@ -12,6 +12,8 @@ from pdgw.dsp402.drive.checks import CONTRADICTIONS, TpdoCheck
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS, SECOND
 
+pytestmark = pytest.mark.planted
+
 STATUS = LAYOUTS[Operation.VELOCITY].tpdos[0]
 """Statusword and Velocity Actual Value."""
 BOTH = LAYOUTS[Operation.TRANSPARENT].tpdos[1]

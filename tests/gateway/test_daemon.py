@@ -330,6 +330,7 @@ def test_another_telegram_is_selected_only_out_of_operation() -> None:
         assert daemon.axes[0].drive.generation == 2
 
 
+@pytest.mark.planted
 def test_telegram_is_not_changed_while_enable_operation_is_on_its_way() -> None:
     """No RPDO is sent until the drive is configured for the other telegram: nothing would stop it."""
     with running(configuration(axis(1))) as daemon:

@@ -96,6 +96,7 @@ def test_a_lost_drive_is_reported_and_delays_no_answer_of_another_axis() -> None
         client.do_id = 1
 
 
+@pytest.mark.planted
 def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_meanwhile_a_state_conflict(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
