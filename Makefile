@@ -83,7 +83,7 @@ long: $(STAMP) $(if $(filter soak calm,$(LONG)),compiled)
 	$(foreach run,$(LONG),$($(run)) &&) true
 soak = $(WITH_BUILD) $(BIN)/python -m tests.long.soak --hours $(HOURS) --axes 2
 calm = $(WITH_BUILD) $(BIN)/python -m tests.long.soak --calm --hours $(HOURS)
-planted = sed -i '/^| what is broken/,$$d' tests/long/planted-defects.md && \
+planted = sed -i '/^| what is broken | found after/,$$d' tests/long/planted-defects.md && \
 	$(BIN)/python -m tests.long.soak --planted --seed $(SEED) >> tests/long/planted-defects.md
 walk = $(BIN)/python -m tests.long.walk
 walk-all = $(BIN)/python -m tests.long.walk --all
