@@ -164,15 +164,25 @@ def run(peers: Sequence[Peer], cycles: int, period_ns: int) -> None:
     gc.enable()
 
 
-class Row(NamedTuple):
-    """The latencies in microseconds (50 %, 99 %, 99.9 %), and what the gateway takes."""
+class Taken(NamedTuple):
+    """What a process takes: latencies in microseconds (50 %, 99 %, 99.9 %), cycles without an answer in their period, CPU of a
+    cycle of all its threads.
+    """
 
-    floor: list[float]
-    gateway: list[float]
-    missed: tuple[int, int]
-    """Cycles without an answer in their period: of the floor, of the gateway."""
-    cpu_us: tuple[float, float]
-    """CPU of a cycle, all threads: of the floor, of the gateway."""
+    latencies: list[float]
+    missed: int
+    cpu_us: float
+
+    def cells(self) -> tuple[str, ...]:
+        """As the table has it."""
+        return (*(f"{value:.0f} us" for value in self.latencies), str(self.missed), f"{self.cpu_us:.0f} us")
+
+
+class Row(NamedTuple):
+    """Floor and gateway with as many axes, and the gateway's memory."""
+
+    floor: Taken
+    gateway: Taken
     resident_mib: float
 
 
@@ -192,18 +202,18 @@ def measure(axes: int, per_bus: int, cycle_ms: float, seconds: float) -> Row:
                 break
             plc.enable()
         peer.begin()
-        before = [cpu_ns(process) for process in (floor_pid, pid)]
+        peers = {floor_pid: floor, pid: peer}
+        before = {process: cpu_ns(process) for process in peers}
         run([peer, floor], cycles, period_ns)
-        floor_us, gateway_us = (
-            (cpu_ns(process) - start) / cycles / US for process, start in zip((floor_pid, pid), before, strict=True)
-        )
+        used = {process: (cpu_ns(process) - before[process]) / cycles / US for process in peers}
         if not plc.operating or not peer.samples:
             raise GatewayError(f"the axes left operation; {peer.missed} of {cycles} cycles had no answer")
-        missed = floor.missed, peer.missed
         pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
         memory = pages * os.sysconf("SC_PAGE_SIZE") / (1 << 20)
-        latencies = floor.percentiles(period_ns), peer.percentiles(period_ns)
-        return Row(*latencies, missed, (floor_us, gateway_us), memory)
+        least, ours = (
+            Taken(item.percentiles(period_ns), item.missed, used[process]) for process, item in peers.items()
+        )
+        return Row(least, ours, memory)
 
 
 def rows(seconds: float) -> Iterator[tuple[str, ...]]:
@@ -215,14 +225,10 @@ def rows(seconds: float) -> Iterator[tuple[str, ...]]:
         except GatewayError as error:
             yield (*place, f"refused: {error}")
             continue
-        floor, gateway = (
-            (*(f"{value:.0f} us" for value in values), str(missed), f"{cpu:.0f} us")
-            for values, missed, cpu in zip((row.floor, row.gateway), row.missed, row.cpu_us, strict=True)
-        )
-        yield (*place, "gateway", *gateway, f"{row.resident_mib:.0f} MiB")
-        yield ("", "", "", "floor", *floor)
-        ratios = (f"{ours / least:.2f}" for ours, least in zip(row.gateway, row.floor, strict=True))
-        yield ("", "", "", "ratio", *ratios, "", f"{row.cpu_us[1] / row.cpu_us[0]:.2f}")
+        yield (*place, "gateway", *row.gateway.cells(), f"{row.resident_mib:.0f} MiB")
+        yield ("", "", "", "floor", *row.floor.cells())
+        ratios = (f"{ours / least:.2f}" for ours, least in zip(row.gateway.latencies, row.floor.latencies, strict=True))
+        yield ("", "", "", "ratio", *ratios, "", f"{row.gateway.cpu_us / row.floor.cpu_us:.2f}")
 
 
 def cpu_ns(pid: int) -> int:
