@@ -20,7 +20,7 @@ static int port(struct sockaddr_in *here)
     return descriptor;
 }
 
-/* Read one datagram of each ready bus; ``answer`` it. Ends the process when its parent ended. */
+/* Read one frame of each ready bus, and send it back if ``answer`` is set. */
 static void take(struct pollfd *buses, int count, int answer)
 {
     char frame[FRAME];
