@@ -1,4 +1,4 @@
-"""SDO abort codes with their texts, and the error root of this package."""
+"""SDO abort codes with their texts, and the errors of this package."""
 
 from __future__ import annotations
 
@@ -94,3 +94,19 @@ ABORT_TEXTS: dict[int, str] = {
 def abort_text(code: int) -> str:
     """``0602 0000h: object does not exist``; unknown codes say so."""
     return f"{code >> 16:04X} {code & 0xFFFF:04X}h: {ABORT_TEXTS.get(code, 'unknown abort code')}"
+
+
+class SdoAbortedError(Exception):
+    """An access was aborted by the server. ``where``: node and object, if known."""
+
+    def __init__(self, code: int, where: str = "") -> None:
+        super().__init__(code)
+        self.code = code
+        self.where = where
+
+    def __str__(self) -> str:
+        return f"{self.where}: {abort_text(self.code)}" if self.where else abort_text(self.code)
+
+
+class SdoCommunicationError(Exception):
+    """An access without an answer, or with one that breaks the protocol."""

@@ -11,7 +11,7 @@ import abc
 from binascii import crc_hqx
 from typing import Final, Protocol
 
-from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 
 FRAME_SIZE: Final = 8
 SEGMENT_SIZE: Final = 7
@@ -48,22 +48,6 @@ _UNNAMED: Final = b"\0\0\0"
 """Address in the aborts of devices that do not name the object."""
 _NEVER: Final = 1 << 62
 _TOO_LONG: Final = " is too long to be read"
-
-
-class SdoAbortedError(Exception):
-    """An access was aborted by the server. ``where``: node and object, if known."""
-
-    def __init__(self, code: int, where: str = "") -> None:
-        super().__init__(code)
-        self.code = code
-        self.where = where
-
-    def __str__(self) -> str:
-        return f"{self.where}: {abort_text(self.code)}" if self.where else abort_text(self.code)
-
-
-class SdoCommunicationError(Exception):
-    """An access without an answer, or with one that breaks the protocol."""
 
 
 def address_in(frame: bytes) -> bytes:

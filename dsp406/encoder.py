@@ -12,6 +12,7 @@ from typing import Final
 
 import canopen
 
+from pdgw.ds301.aborts import SdoAbortedError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
@@ -23,7 +24,6 @@ from pdgw.ds301.node.node import NodeEvent, NodeSettings
 from pdgw.ds301.node.plan import PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.images import CYCLIC, PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters, encoder_layout

@@ -17,7 +17,7 @@ from typing import ClassVar, Final, Generic, Self, TypeVar
 
 import canopen
 
-from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.bus.network import UNUSED, CanNetwork, PdoCallback
 from pdgw.ds301.communication import (
@@ -43,7 +43,6 @@ from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection, PdoLayout, pdo_of
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import canopen
 
-from pdgw.ds301.aborts import Abort, CanopenError, abort_text
+from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import IDENTITY, profile_of
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, has_effect
@@ -18,7 +18,6 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoDirection, direction_of, is_communication_parameter
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,22 +11,13 @@ from typing import Final, Self, TypeVar
 
 import canopen
 
-from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, abort_text
+from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, SdoCommunicationError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.doubles import SecondAnswers
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.sdo_transfer import (
-    ABORT,
-    EXPEDITED_SIZE,
-    Download,
-    SdoAbortedError,
-    SdoCommunicationError,
-    Transfer,
-    Upload,
-    address_in,
-)
+from pdgw.ds301.sdo_transfer import ABORT, EXPEDITED_SIZE, Download, Transfer, Upload, address_in
 from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")

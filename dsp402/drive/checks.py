@@ -7,13 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.ds301.aborts import NOT_THERE
+from pdgw.ds301.aborts import NOT_THERE, SdoAbortedError
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.node.configuring import ConfiguringAccess
 from pdgw.ds301.node.node import TpdoSlot
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import CanType, Entry, ObjectAddress
-from pdgw.ds301.sdo_transfer import SdoAbortedError, Upload
+from pdgw.ds301.sdo_transfer import Upload
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.identification.describe import signed

@@ -13,7 +13,7 @@ from typing import Final
 
 import canopen
 
-from pdgw.ds301.aborts import NOT_THERE, abort_text
+from pdgw.ds301.aborts import NOT_THERE, SdoAbortedError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     DEVICE_TYPE,
@@ -33,7 +33,6 @@ from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.checks import ModeCheck, TpdoCheck, UnitCheck
 from pdgw.dsp402.drive.guarding import Guarding, guard, interpolation_steps
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback

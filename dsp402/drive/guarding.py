@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from pdgw.ds301.aborts import NOT_THERE, CanopenError, abort_text
+from pdgw.ds301.aborts import NOT_THERE, CanopenError, SdoAbortedError, abort_text
 from pdgw.ds301.communication import (
     CONSUMER_HEARTBEAT,
     GUARD_TIME,
@@ -16,7 +16,6 @@ from pdgw.ds301.communication import (
 )
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import ABORT_OPTION, INTERPOLATION_TIME
 

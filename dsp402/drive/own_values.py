@@ -11,8 +11,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Final
 
+from pdgw.ds301.aborts import SdoAbortedError
 from pdgw.ds301.objects import ObjectAddress
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import HOMING_SPEEDS, MAX_TORQUE
 

@@ -10,11 +10,11 @@ import struct
 from collections.abc import Callable, Container
 from typing import Final
 
+from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.checks import ModeCheck
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE

@@ -8,12 +8,12 @@ from functools import cache
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
+from pdgw.ds301.aborts import SdoCommunicationError
 from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VENDOR, communication_objects, pdo_objects
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.node.sdo import Inquiry
 from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.ds301.sdo_transfer import SdoCommunicationError
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.describe import (
     PROFILE_AREA,

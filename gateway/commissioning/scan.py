@@ -9,7 +9,7 @@ from pathlib import Path
 import can
 import canopen
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     DEVICE_NAME,
@@ -29,7 +29,6 @@ from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.node.sdo import Inquiry
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.guarding import guard
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
+from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR, NMT, NmtCommand
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp402.objects import ABORT_OPTION, CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Final
 
-from pdgw.ds301.aborts import NOT_THERE, abort_text
-from pdgw.ds301.sdo_transfer import SdoAbortedError
+from pdgw.ds301.aborts import NOT_THERE, SdoAbortedError, abort_text
 from pdgw.dsp402.drive import touch_probe
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.durations import MS

@@ -11,11 +11,10 @@ from typing import Any, TypeVar
 
 import canopen
 
-from pdgw.ds301.aborts import Abort, CanopenError
+from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.communication import RESTORE_PARAMETERS
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.parameters.guarded import Check, guard_of

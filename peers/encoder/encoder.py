@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import can
 
 from pdgw.ds301 import communication as com
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.bus.port import CanPort
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
 from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.kinds import OPERATING_RESERVED, ROTARY, Dsp406Error, EncoderDevice
 from pdgw.dsp406.objects import CYCLIC_TIMER, OPERATING_PARAMETERS, PRESET, PRESET_MULTI_SENSOR

@@ -10,12 +10,11 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from pdgw.ds301 import communication as com
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.durations import MS
 from pdgw.peers.node.misbehaviour import HEX, Late, Misbehaviour, catalogue, parameter
 

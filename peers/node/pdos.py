@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.ds301.aborts import Abort, CanopenError
+from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.communication import NmtState
 from pdgw.ds301.configuration import EVENT_DRIVEN, SYNC_TYPES
@@ -23,7 +23,6 @@ from pdgw.ds301.pdo import (
     is_communication_parameter,
     is_mapping_parameter,
 )
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.durations import MS
 from pdgw.peers.node.device import Device
 

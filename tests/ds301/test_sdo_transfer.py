@@ -13,8 +13,8 @@ from canopen.sdo import SdoServer as CanopenServer
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.ds301.aborts import Abort
-from pdgw.ds301.sdo_transfer import FRAME_SIZE, Download, SdoAbortedError, SdoServer, Transfer, Upload
+from pdgw.ds301.aborts import Abort, SdoAbortedError
+from pdgw.ds301.sdo_transfer import FRAME_SIZE, Download, SdoServer, Transfer, Upload
 
 INDEX, SUBINDEX = 0x2100, 3
 ADDRESS = b"\x00\x21\x03"

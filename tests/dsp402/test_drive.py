@@ -10,13 +10,12 @@ from random import Random
 import pytest
 from canopen.objectdictionary import ODVariable
 
-from pdgw.ds301.aborts import Abort, CanopenError
+from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.port import open_bus
 from pdgw.ds301.communication import NMT, STORE_PARAMETERS, NmtCommand
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus, load_eds
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings

@@ -6,10 +6,9 @@ from collections.abc import Collection, Mapping, Sequence
 
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation

@@ -9,12 +9,11 @@ from contextlib import contextmanager
 import can
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation

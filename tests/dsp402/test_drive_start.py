@@ -9,11 +9,11 @@ from pathlib import Path
 import can
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import NmtCommand, NmtState
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.objects import Access, CanType, Entry
-from pdgw.ds301.sdo_transfer import ABORT, SdoAbortedError
+from pdgw.ds301.sdo_transfer import ABORT
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings

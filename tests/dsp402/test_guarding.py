@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.guarding import Guarding, GuardTimes, guard
 from pdgw.dsp402.objects import ABORT_OPTION
 

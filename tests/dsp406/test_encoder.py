@@ -8,14 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import NmtCommand, NmtState
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, load_eds
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, Dsp406Error, EncoderDevice, multi_sensor

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, SYNC, NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon

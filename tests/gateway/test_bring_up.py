@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand, NmtState
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Access, CanType, Entry
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.objects import CONTROLWORD
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND

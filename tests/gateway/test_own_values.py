@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
+from pdgw.ds301.aborts import SdoAbortedError
 from pdgw.ds301.communication import LOAD_SIGNATURE, NMT, NmtCommand
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValueKeeper, OwnValues
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, questions

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS

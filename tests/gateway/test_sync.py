@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC, SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.guarding import GuardTimes, guard
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State

@@ -7,10 +7,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.loop.loop import Event
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon

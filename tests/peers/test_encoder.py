@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import LOAD_SIGNATURE, SAVE_SIGNATURE, NmtCommand
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.faults import ENCODER_FAULTS
 from pdgw.dsp406.kinds import LINEAR, ROTARY, Dsp406Error, EncoderDevice, multi_sensor
 from pdgw.durations import MS

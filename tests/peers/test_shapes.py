@@ -6,9 +6,8 @@ import struct
 
 import pytest
 
-from pdgw.ds301.aborts import Abort, CanopenError
+from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError
 from pdgw.ds301.communication import NmtCommand
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.states import State
 from pdgw.durations import MS

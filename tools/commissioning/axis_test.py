@@ -11,10 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
-from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.loop.loop import Timer
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive_type import DriveType, Quantity, Scaling
 from pdgw.dsp402.objects import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE

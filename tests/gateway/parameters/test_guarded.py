@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.units.mechanics import UNIT_OBJECTS
 from pdgw.dsp402.units.velocity import VL_FACTORS
 from pdgw.durations import MS

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.aborts import ABORT_TEXTS
+from pdgw.ds301.aborts import ABORT_TEXTS, SdoAbortedError
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import drive_layout

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.ds301.aborts import Abort
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.sdo_transfer import (
     ABORT,
     ACKNOWLEDGE,
@@ -26,7 +26,6 @@ from pdgw.ds301.sdo_transfer import (
     SEGMENT,
     START,
     UPLOAD,
-    SdoAbortedError,
     Sink,
     address_in,
     object_of,
