@@ -32,9 +32,11 @@ COMPILED = (
     "ds301/node/client.py",
     "ds301/node/heartbeat.py",
     "ds301/node/configuring.py",
+    "ds301/node/doubles.py",
     "ds301/node/node.py",
     "ds301/node/sdo.py",
     "ds301/pdo.py",
+    "ds301/sdo_transfer.py",
     "dsp402/drive/client.py",
     "dsp402/drive/images.py",
     "dsp402/drive/checks.py",
@@ -42,6 +44,7 @@ COMPILED = (
     "dsp402/drive/settings.py",
     "dsp402/pdo/layouts.py",
     "dsp402/states.py",
+    "dsp402/units/units.py",
     "dsp406/encoder.py",
     "gateway/axis/**/[!_]*.py",
     "gateway/daemon.py",
@@ -71,9 +74,8 @@ COMPILED = (
 )
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's, an
 interpreted class derived from a compiled one, a value of another type than declared, ``...`` as a default, a constant tuple of
-floats, bytes with a slice from a constant, two handlers of compiled exceptions with one name (so ``ds301/sdo_transfer.py`` is not
-compiled), the address of a local variable, which is released after its last use. A constant is ``Final``, or it is looked up by
-its name in every cycle."""
+floats, bytes with a slice from a constant, two handlers of compiled exceptions with one name, the address of a local variable,
+which is released after its last use. A constant is ``Final``, or it is looked up by its name in every cycle."""
 SOAK = (
     "gateway/sync.py",
     "peers/drive/model/[!_]*.py",

@@ -34,11 +34,14 @@ class SecondAnswers:
         self._open: dict[bytes, int] = {}
         """Requests without an answer by index and subindex; a lost answer stays open."""
         self._recent: deque[bool] = deque(maxlen=_ANSWERS)
+        self.found = False
+        """Two devices answer."""
 
     def begin(self) -> None:
         """Forget everything: another device may be connected."""
         self._open.clear()
         self._recent.clear()
+        self.found = False
 
     def requested(self, request: bytes) -> None:
         """A frame of a client to the node. Segments name no object and are ignored."""
@@ -59,11 +62,7 @@ class SecondAnswers:
             self._open[address] = count - 1
         if count is not None and answer[0] != ABORT:
             self._recent.append(count == 0)
-
-    @property
-    def found(self) -> bool:
-        """Two devices answer."""
-        return sum(self._recent) >= _SECOND_ANSWERS
+            self.found = self._recent.count(True) >= _SECOND_ANSWERS
 
 
 class FrameRate:
@@ -75,6 +74,8 @@ class FrameRate:
         self._pause = 0
         """Time without frames: these may still arrive."""
         self._early: deque[int] = deque(maxlen=_EARLY)
+        self.found = False
+        """Two devices send."""
 
     def see(self, now: int) -> None:
         """A frame has arrived."""
@@ -86,11 +87,6 @@ class FrameRate:
         if 10 * gap < 6 * period and self._pause + gap < period:
             self._pause = 0
             self._early.append(now)
+            self.found = len(self._early) == _EARLY and now - self._early[0] <= _EARLY_PERIODS * period
         elif gap >= period or 10 * gap < 9 * period:  # a clock that is a little fast does not use up the pause
             self._pause = min(max(0, self._pause + gap - period), _PAUSE_PERIODS * period)
-
-    @property
-    def found(self) -> bool:
-        """Two devices send."""
-        early = self._early
-        return len(early) == _EARLY and early[-1] - early[0] <= _EARLY_PERIODS * self._period

@@ -188,7 +188,7 @@ class TpdoCheck:
 # Read the units of a drive again in operation, and its position if no TPDO contains it.
 #
 # One request after the other, without a task: an answer is processed when it arrives. Which object is next, and when, is
-# ``dsp402.units.unit_watch``.
+# ``UnitWatch``.
 
 
 _POSITION: Final = (POSITION_ACTUAL, 0)
