@@ -490,10 +490,8 @@ class Daemon:
         for producer in self.sync_producers.values():
             producer.send()
         self.watch.cycle(now, accepted, answered, link.age_ns if accepted else None)
-        if accepted:
-            self._deadline = now + cycle + cycle // 2
-        else:
-            self._deadline = now + (max(cycle, IDLE_NS) if self._idles() else cycle)
+        expected = now + (max(cycle, IDLE_NS) if not accepted and self._idles() else cycle)
+        self._deadline = expected + cycle // 2 if accepted else expected
         due = self._due
         if due is not None and self._deadline < due.when:  # the gateway was idle
             due.cancel()
@@ -501,8 +499,8 @@ class Daemon:
         elif due is not None:
             due.postpone(self._deadline)
         for network in self._buses:
-            network.check_before(now + cycle)
-        self.loop.pace(now + cycle)
+            network.check_before(expected)
+        self.loop.pace(expected)
         if self._stopping:
             self._await_power_off(now)
 

@@ -139,6 +139,9 @@ class Loop(abc.ABC):
         self._timers: list[tuple[int, int, Timer]] = []
         self._number = 0
         self._slices: deque[Callable[[], None]] = deque()
+        self._slice_due = True
+        self.expected = 0
+        """When the cyclic exchange expects its next cycle; 0: nothing is expected."""
         self._stopping = False
 
     @abc.abstractmethod
@@ -232,13 +235,14 @@ class Loop(abc.ABC):
         """Something that can wait for a gap in the exchange; in the order they were added."""
         self._slices.append(action)
 
-    @abc.abstractmethod
     def pace(self, expected: int) -> None:
         """The cyclic exchange has finished its part of a cycle and expects the next at ``expected``.
 
         One slice may follow at once, others while they end before that time. The caller must repeat it, or end it with 0:
         nothing is expected.
         """
+        self.expected = expected
+        self._slice_due = True
 
     def current(self) -> Task:
         """The task that is running; RuntimeError outside of one."""
@@ -379,8 +383,6 @@ class SystemLoop(Loop):
         self._awake.setblocking(False)
         self._waker.setblocking(False)
         self._workers: ThreadPoolExecutor | None = None
-        self._expected = 0
-        self._slice_due = True
         self.add_reader(self._awake.fileno(), self._take_calls)
 
     def now(self) -> int:
@@ -440,10 +442,6 @@ class SystemLoop(Loop):
     def _watch(self, descriptor: int) -> None:
         self._readiness.watch(descriptor, read=descriptor in self._readers, write=descriptor in self._writers)
 
-    def pace(self, expected: int) -> None:
-        self._expected = expected
-        self._slice_due = True
-
     def run(self) -> None:
         self._stopping = False
         while not self._stopping:
@@ -473,7 +471,7 @@ class SystemLoop(Loop):
             self._slices.popleft()()
 
     def _may_slice(self) -> bool:
-        return self._slice_due or not self._expected or self._clock() + SLICE_NS <= self._expected
+        return self._slice_due or not self.expected or self._clock() + SLICE_NS <= self.expected
 
     def close(self) -> None:
         self.end_tasks()

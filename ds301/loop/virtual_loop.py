@@ -51,9 +51,6 @@ class VirtualLoop(Loop):
     def remove_writer(self, descriptor: int) -> None:
         """None is watched."""
 
-    def pace(self, expected: int) -> None:
-        """Slices take no time here."""
-
     def close(self) -> None:
         self.end_tasks()
 

@@ -160,6 +160,22 @@ def test_a_gateway_without_a_plc_steps_every_20_ms_until_a_drive_has_power() -> 
         assert steps() == pytest.approx(50, abs=1)
 
 
+def test_tasks_and_checks_without_a_plc_have_the_time_until_the_next_step() -> None:
+    """A step wakes the loop once. The accesses to a node need not wait for it: each would take 20 ms."""
+    with running(configuration(axis(1), transport="cycle_time_ms = 1")) as daemon:
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        loop = world_of(daemon).loop
+        looks: list[int] = []
+        daemon.networks["can"].watch(looks.append)
+        steps = []
+        for _ in range(10):
+            expected, before = loop.expected, daemon.cycles
+            loop.until(lambda: daemon.cycles > before, "the next step")  # noqa: B023 (called at once)
+            assert loop.now() == expected
+            steps.append(expected)
+        assert looks == steps
+
+
 def test_another_controller_takes_over_only_after_the_loss_of_the_first() -> None:
     with running(configuration(axis(1))) as daemon:
         first, second = Plc(daemon, [1]), Plc(daemon, [1])
