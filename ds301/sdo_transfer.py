@@ -1,8 +1,8 @@
 """SDO transfers of both sides, sans-I/O: expedited, segmented and block, uploads and downloads.
 
-Source: CiA DS 301 V4.02 chapter 7.2.4. ``Upload`` and ``Download`` are the accesses of a client, ``SdoServer`` is a server. They
-take the frames of the other side and return the frames to send. In both directions a ``Source`` sends the data and a ``Sink``
-receives them.
+Source: CiA DS 301 V4.02 chapter 7.2.4. ``Upload`` and ``Download`` (not by blocks) are the accesses of a client, ``SdoServer`` is
+a server. They take the frames of the other side and return the frames to send. In both directions a ``Source`` sends the data and
+a ``Sink`` receives them.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class Source:
         if not 1 <= size <= BLOCK_LIMIT:
             raise SdoAbortedError(Abort.INVALID_BLOCK_SIZE)
         rest = self._data[self._offset :]
-        count = max(1, -(-len(rest) // SEGMENT_SIZE))
+        count = -(-len(rest) // SEGMENT_SIZE)
         self._in_block = min(size, count)
         return [
             _frame(
@@ -139,7 +139,7 @@ class Source:
             raise SdoAbortedError(Abort.INVALID_SEQUENCE_NUMBER)
         self._offset += SEGMENT_SIZE * frame[1]
         size = len(self._data)
-        if not self._offset or self._offset < size:
+        if self._offset < size:
             return self.block(frame[2])
         checksum = crc_hqx(self._data, 0) if self.crc else 0
         return [_frame(BLOCK_SOURCE | END | (self._offset - size) << 2, checksum.to_bytes(2, "little"))]
@@ -362,26 +362,17 @@ class Upload(Transfer):
 
 
 class Download(Transfer):
-    """Write an object: expedited, by segments, or by blocks."""
+    """Write an object: expedited or by segments."""
 
-    def __init__(self, index: int, subindex: int, data: bytes, timeout_ns: int, *, by_blocks: bool = False) -> None:
+    def __init__(self, index: int, subindex: int, data: bytes, timeout_ns: int) -> None:
         self._source = Source(data)
-        self._by_blocks = by_blocks
-        request = self._source.first(BLOCK_SOURCE if by_blocks else DOWNLOAD, address_of(index, subindex))
+        request = self._source.first(DOWNLOAD, address_of(index, subindex))
         super().__init__(index, subindex, request, timeout_ns)
 
     def _continue(self, frame: bytes) -> list[bytes] | None:
-        source, command = self._source, frame[0] & COMMAND
-        expected = BLOCK_SINK if self._by_blocks else DOWNLOAD if self._begun else CONFIRM
-        if command != expected:
+        source = self._source
+        if frame[0] & COMMAND != (DOWNLOAD if self._begun else CONFIRM):
             return None
-        if self._by_blocks and self._begun:
-            frames = source.confirm(frame)
-            self.ended = source.complete
-            return frames
-        if self._by_blocks:
-            source.crc = frame[0] & CRC != 0
-            return source.block(frame[4])
         if self._begun and frame[0] & _TOGGLE == source.toggle:
             raise SdoAbortedError(Abort.TOGGLE_NOT_ALTERNATED)
         self.ended = source.complete

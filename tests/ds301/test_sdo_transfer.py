@@ -133,28 +133,11 @@ def test_block_whose_last_segments_are_lost_is_requested_again() -> None:
 
 
 @pytest.mark.parametrize("size", [0, *SIZES])
-@pytest.mark.parametrize("by_blocks", [False, True])
-def test_client_writes_every_size_by_segments_and_blocks(size: int, by_blocks: bool) -> None:
+def test_client_writes_every_size(size: int) -> None:
     objects = Objects(b"old")
-    download = Download(INDEX, SUBINDEX, content(size), TIMEOUT, by_blocks=by_blocks)
+    download = Download(INDEX, SUBINDEX, content(size), TIMEOUT)
     carry_out(download, server_of(objects))
     assert (objects.data, download.code, download.failure) == (content(size), None, "")
-
-
-def test_client_sends_the_segments_again_that_the_server_lacks() -> None:
-    objects = Objects()
-    answer = server_of(objects)
-    numbers: list[int] = []
-
-    def lossy(frame: bytes) -> list[bytes]:
-        numbers.append(frame[0] & 0x7F)
-        return [] if len(numbers) == 40 else answer(frame)
-
-    download = Download(INDEX, SUBINDEX, content(2000), TIMEOUT, by_blocks=True)
-    carry_out(download, lossy)
-    assert (objects.data, download.failure) == (content(2000), "")
-    assert numbers[39] == 39
-    assert len(numbers) == 2 + -(-2000 // 7) + 127 - 38, "the block from the lost segment on"
 
 
 @pytest.mark.parametrize("by_blocks", [False, True])
@@ -162,7 +145,7 @@ def test_abort_of_the_server_ends_an_access(by_blocks: bool) -> None:
     answer = server_of(Objects(b"data of an object"))
     for transfer in (
         Upload(0x3000, 0, TIMEOUT, by_blocks=by_blocks),
-        Download(0x3000, 0, b"x", TIMEOUT, by_blocks=by_blocks),
+        Download(0x3000, 0, b"x", TIMEOUT),
     ):
         carry_out(transfer, answer)
         assert transfer.ended
@@ -234,7 +217,7 @@ def test_no_frame_ends_a_client_or_a_server_with_an_error(frames: list[bytes], b
     answer = server_of(Objects(content(40)))
     transfers: list[Transfer] = [
         Upload(INDEX, SUBINDEX, TIMEOUT, by_blocks=by_blocks),
-        Download(INDEX, SUBINDEX, content(40), TIMEOUT, by_blocks=by_blocks),
+        Download(INDEX, SUBINDEX, content(40), TIMEOUT),
     ]
     for frame in frames:
         for each in (frame, frame[:1] + ADDRESS + frame[4:]):
