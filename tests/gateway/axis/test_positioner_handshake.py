@@ -10,7 +10,9 @@ import pytest
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
+from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
@@ -278,11 +280,33 @@ def test_setpoint_after_a_withdrawn_one_has_its_own_data(word: int) -> None:
     hand(ON | ACTIVATE, MDI_TARPOS=10_000)
     hand(word)
     hand(word & ~REJECT)
-    hand(ON & ~REJECT)
+    hand(ON & ~REJECT, OPERATING | TAKEN)
     for _ in range(3):
         assert not hand(ON) & NEW_SETPOINT
     assert not hand(ON | ACTIVATE, MDI_TARPOS=20_000) & (HALT | NEW_SETPOINT), "Halt falls alone"
     assert hand(ON | ACTIVATE) & NEW_SETPOINT
+    assert hand.target == 8192
+
+
+def test_an_acknowledge_never_counts_for_the_setpoint_after_the_one_it_answers() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand(ON & ~INTERMEDIATE)
+    hand(ON)
+    assert not hand(ON | ACTIVATE, MDI_TARPOS=20_000) & NEW_SETPOINT, "the drive may still take the first"
+    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
+    assert not hand.actuals["ZSW1"] & ACKNOWLEDGED
+    assert hand(ON | ACTIVATE) & NEW_SETPOINT
+    assert hand.target == 8192
+
+
+def test_a_setpoint_comes_after_one_that_the_drive_has_not_taken_in_time() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand(ON & ~INTERMEDIATE)
+    cycles = AxisSettings(cycle_ns=4 * MS).latency_ns // (4 * MS)
+    words = [hand(ON | ACTIVATE, MDI_TARPOS=20_000) & NEW_SETPOINT for _ in range(cycles - 1)]
+    assert words == [0] * (cycles - 2) + [NEW_SETPOINT]
     assert hand.target == 8192
 
 
@@ -292,13 +316,12 @@ def test_speed_replaces_a_pending_setpoint() -> None:
     hand.feedback.velocity_actual = FAST
     hand(ON)
     assert hand(ON | ACTIVATE, POS_STW1=SETTING_UP) & (HALT | NEW_SETPOINT) == HALT
-    hand(ON & ~REJECT)
+    hand(ON & ~REJECT, OPERATING | TAKEN)
     hand.feedback.velocity_actual = 0
     for _ in range(5):
         assert not hand(ON) & NEW_SETPOINT
-    assert not hand(ON | ACTIVATE, POS_STW1=MDI_ABSOLUTE, MDI_TARPOS=20_000) & (HALT | NEW_SETPOINT), "Halt falls alone"
-    assert hand(ON | ACTIVATE) & NEW_SETPOINT
-    assert hand.target == 8192
+    word = hand(ON | ACTIVATE, POS_STW1=MDI_ABSOLUTE, MDI_TARPOS=20_000)
+    assert (word & (HALT | NEW_SETPOINT), hand.target) == (NEW_SETPOINT, 8192)
 
 
 def test_a_speed_follows_the_override_also_through_0() -> None:

@@ -435,7 +435,24 @@ def test_task_waiting_at_an_intermediate_stop_is_resumed() -> None:
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
     assert hand(stop) & (HALT | NEW_SETPOINT) == HALT, "the edge of the first is over"
     assert not hand(ON) & (HALT | NEW_SETPOINT)
+    assert not hand(ON, OPERATING | TAKEN) & (HALT | NEW_SETPOINT), "the drive took the first late"
     assert hand(ON) & (HALT | NEW_SETPOINT) == NEW_SETPOINT
+    assert hand.target == 7_000
+
+
+@pytest.mark.parametrize("word", [ON & ~INTERMEDIATE, ON & ~REJECT], ids=["intermediate stop", "reject"])
+def test_an_acknowledge_never_counts_for_the_task_after_the_one_it_answers(word: int) -> None:
+    hand = positioning().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(word)
+    hand(ON)
+    assert not hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000)) & NEW_SETPOINT, (
+        "the drive may still take the first"
+    )
+    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
+    assert not hand.actuals["ZSW1"] & ACKNOWLEDGE
+    words = [hand(ON | ACTIVATE, OPERATING | StatusBit.TARGET_REACHED) & NEW_SETPOINT for _ in range(3)]
+    assert words[-1], "the axis has stopped"
     assert hand.target == 7_000
 
 

@@ -79,10 +79,12 @@ class MotionExecutor(Executor):
         """Target reached, in answer to the setpoint that the drive executes."""
         self._taking = Answer(self.settings.latency_ns)
         """The acknowledge, in answer to the newest setpoint: a drive that has not shown it may still start."""
+        self._acknowledged = False
+        """It was shown while that setpoint was in force."""
         self._effect = Answer(self.settings.latency_ns)
         """Whether the newest setpoint or Halt has had the time to show at the shaft."""
         self._blocked = False
-        """A setpoint waits for the drive to clear its last acknowledge."""
+        """A setpoint waits until the drive is free."""
         self._stall = Stall(self.settings.stall_ns)
         self._stopped_by_halt = _NONE
         self._bits = 0
@@ -284,6 +286,7 @@ class MotionExecutor(Executor):
         seen = self._seen
         seen.taken = seen.executing = seen.given
         self._set_at = -1
+        self._acknowledged = False
         self._bits = 0
         self._arrival.command(self.inputs.now)
 
@@ -293,6 +296,7 @@ class MotionExecutor(Executor):
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
         self._set_at = self.inputs.now
+        self._acknowledged = False
         self._effect.command(self.inputs.now)
         self._taking.command(self.inputs.now, level=True)
         self._end_stopped_setpoint()
@@ -302,12 +306,18 @@ class MotionExecutor(Executor):
         """The drive shows the acknowledge of a setpoint."""
         return self.feedback.statusword & ACKNOWLEDGED != 0 and self._mode.shows_base()
 
+    @property
+    def _free(self) -> bool:
+        """The drive takes a setpoint: it has cleared the last acknowledge, and none can come for a cancelled one."""
+        return not self._acknowledges and self._taking.due(self.inputs.now)
+
     def _read_acknowledge(self) -> bool:
         """Read whether the drive has taken the setpoint."""
         if not self._acknowledges:
             self._await_acknowledge()
             return False
         self._seen.taken = self._seen.given
+        self._acknowledged = True
         positioner = self.positioner
         if positioner.course.warning is Reason.NOT_ACKNOWLEDGED:
             positioner.warn(None)

@@ -346,9 +346,9 @@ class PositionerExecutor(MotionExecutor):
             seen.given = seen.taken = seen.executing = motion.serial
 
     def _send_setpoint(self, motion: Motion, units: LengthUnits) -> None:
-        """Send a setpoint when the drive has cleared the last acknowledge and has the torque limit."""
-        if self.feedback.statusword & ACKNOWLEDGED:
-            self._blocked = True
+        """Send a setpoint when the drive is free for it and has the torque limit."""
+        self._blocked = not self._free
+        if self._blocked:
             return
         if not self._torque.holds(motion.torque):
             self.outputs.reason = Reason.TORQUE_LIMIT

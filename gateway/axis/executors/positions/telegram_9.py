@@ -79,7 +79,7 @@ class PositioningExecutor(MotionExecutor):
         if mdi.home_set:
             flags |= Flag.HOME_SET
         if not homes:
-            if self._acknowledges and mdi.course.motion.first <= self._seen.given:
+            if self._acknowledged and self._acknowledges and not mdi.course.waits:
                 flags |= Flag.TASK_ACKNOWLEDGED
             enabled = self.interlock.cell.action in _ENABLED
             self._active = enabled and self._asked.connected and request.commands & _MDI_SELECTED != 0
@@ -185,7 +185,7 @@ class PositioningExecutor(MotionExecutor):
                 self._set_at = -1
                 self.outputs.end_warnings(TASK_WARNINGS)
         elif goal is not None and self._mdi.course.waits:
-            self._blocked = self._acknowledges
+            self._blocked = not self._free
             if not self._blocked and self._mode.request(self._mode.base):
                 self._send_setpoint(motion, goal)
 
