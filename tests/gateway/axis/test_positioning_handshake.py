@@ -443,6 +443,9 @@ def test_task_waiting_at_an_intermediate_stop_is_resumed() -> None:
 @pytest.mark.parametrize("word", [ON & ~INTERMEDIATE, ON & ~REJECT], ids=["intermediate stop", "reject"])
 def test_an_acknowledge_never_counts_for_the_task_after_the_one_it_answers(word: int) -> None:
     hand = positioning().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(3_000))
+    hand(ON, OPERATING | TAKEN)
+    hand(ON)
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(word)
     hand(ON)
@@ -454,6 +457,17 @@ def test_an_acknowledge_never_counts_for_the_task_after_the_one_it_answers(word:
     words = [hand(ON | ACTIVATE, OPERATING | StatusBit.TARGET_REACHED) & NEW_SETPOINT for _ in range(3)]
     assert words[-1], "the axis has stopped"
     assert hand.target == 7_000
+
+
+def test_acknowledge_of_a_rejected_task_is_not_shown_for_the_next_edge() -> None:
+    hand = positioning().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert hand.actuals["ZSW1"] & ACKNOWLEDGE
+    hand.feedback.velocity_actual = 300
+    for stw1 in (ON & ~REJECT, ON, ON | ACTIVATE):
+        hand(stw1, OPERATING | TAKEN)
+        assert not hand.actuals["ZSW1"] & ACKNOWLEDGE, "the drive has not seen that bit 4 is 0"
 
 
 @pytest.mark.parametrize("relative", [False, True])

@@ -80,7 +80,7 @@ class MotionExecutor(Executor):
         self._taking = Answer(self.settings.latency_ns)
         """The acknowledge, in answer to the newest setpoint: a drive that has not shown it may still start."""
         self._acknowledged = False
-        """It was shown while that setpoint was in force."""
+        """The last one that was shown answered a setpoint in force."""
         self._effect = Answer(self.settings.latency_ns)
         """Whether the newest setpoint or Halt has had the time to show at the shaft."""
         self._blocked = False
@@ -296,7 +296,6 @@ class MotionExecutor(Executor):
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
         self._set_at = self.inputs.now
-        self._acknowledged = False
         self._effect.command(self.inputs.now)
         self._taking.command(self.inputs.now, level=True)
         self._end_stopped_setpoint()
