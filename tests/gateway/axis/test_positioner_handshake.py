@@ -85,7 +85,7 @@ def test_setpoint_pending_at_the_end_of_operation_is_dropped(end: int | None) ->
     assert not hand(end) & NEW_SETPOINT
     hand(end, State.SWITCH_ON_DISABLED)
     hand.enable()
-    assert not any(hand(ON) & OF_THE_MODE for _ in range(10))
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
 
 
 @pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])

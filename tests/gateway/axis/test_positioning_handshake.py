@@ -76,7 +76,7 @@ def test_edge_pending_at_the_end_of_operation_starts_nothing_later(end: int | No
     assert not hand(end) & NEW_SETPOINT
     hand(end, State.SWITCH_ON_DISABLED)
     hand.enable()
-    assert not any(hand(ON) & (NEW_SETPOINT | HALT) for _ in range(10))
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
     assert hand.stepper.reason is None
 
 
@@ -93,7 +93,7 @@ def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task(waits: bool
         "a drive may continue the task without Halt"
     )
     hand.feedback.velocity_actual = 0
-    assert not any(hand(ON) & (NEW_SETPOINT | HALT) for _ in range(10))
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
     assert hand.stepper.power.released
 
 
@@ -457,6 +457,17 @@ def test_an_acknowledge_never_counts_for_the_task_after_the_one_it_answers(word:
     words = [hand(ON | ACTIVATE, OPERATING | StatusBit.TARGET_REACHED) & NEW_SETPOINT for _ in range(3)]
     assert words[-1], "the axis has stopped"
     assert hand.target == 7_000
+
+
+def test_an_acknowledge_never_counts_for_a_task_after_off_and_on() -> None:
+    hand = positioning().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(OFF, State.READY_TO_SWITCH_ON)
+    hand(ON, State.SWITCHED_ON)
+    hand(ON)
+    for status in (OPERATING, OPERATING | TAKEN):
+        assert not hand(ON | ACTIVATE, status, MDI_TARPOS=POSITION.to_wire(7_000)) & NEW_SETPOINT
+        assert not hand.actuals["ZSW1"] & ACKNOWLEDGE
 
 
 def test_acknowledge_of_a_rejected_task_is_not_shown_for_the_next_edge() -> None:

@@ -298,7 +298,7 @@ def selected() -> Iterator[Handshakes]:
     yield from (Handshakes(number, item) for number in TASK_TELEGRAM_NUMBERS for item in _orders(number))
     for number, item in product((9, 110), (Orders.TASKS, Orders.HOMING)):
         yield from (Handshakes(number, item, kind) for kind in (*_DRIVES[1:], _LATE[0]))
-        yield from (Handshakes(number, item, late) for late in _LATE[1 : 4 if item is Orders.HOMING else 3])
+        yield from (Handshakes(number, item, late) for late in _LATE[1:])
 
 
 def every() -> Iterator[Handshakes]:

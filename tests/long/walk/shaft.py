@@ -107,11 +107,13 @@ class Shaft(NamedTuple):
             task = task if character.keeps else None
         strobe = cw & ControlBit.NEW_SETPOINT
         starts = operates and strobe != 0 and not self.word & ControlBit.NEW_SETPOINT and not halted
+        turns = self.turns
         taken = taken and strobe != 0 and mode == Mode.POSITION
         if starts and mode == Mode.POSITION:
             task, taken, failed = word.target, True, False
         elif starts and mode == Mode.HOMING:
             homes, homed, failed = True, False, False
+            turns = False  # the motion that ends in this cycle is another one
         homes = homes and strobe != 0
         if task == position and mode == Mode.POSITION and operates and not halted:
             task = None
@@ -124,6 +126,7 @@ class Shaft(NamedTuple):
             homes=homes,
             homed=homed,
             failed=failed,
+            turns=turns,
         )._turned(event, word, character, rests=rests)
 
     def _turned(self, event: Event, word: Word, character: Character, *, rests: bool) -> Shaft:
@@ -189,8 +192,11 @@ class Line(NamedTuple):
 
     @property
     def starts(self) -> bool:
-        """A setpoint is on its way to the drive."""
-        return any(word.target for word in self.sent)
+        """A setpoint or a homing is on its way to the drive."""
+        return any(
+            word.target or (word.mode == Mode.HOMING and word.controlword & ControlBit.NEW_SETPOINT)
+            for word in self.sent
+        )
 
     @classmethod
     def of(cls, character: Character) -> Line:

@@ -267,7 +267,6 @@ class MotionExecutor(Executor):
     def _stop(self) -> None:
         """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
         self._seen.given = self.positioner.course.motion.serial
-        self._taking.withdraw()
         self._effect.withdraw()
         self._end_set_point()
         self._end_stopped_setpoint()
