@@ -455,6 +455,8 @@ class TaskProgram(AxisProgram):
         number = self.chance.choice(tuple(_BLOCKS))
         self.values[self.selection] = number
         self.edge()
+        if self.words.word & _TASK:
+            self.wait("ZSW1", _ACKNOWLEDGED)  # a chain may begin where it ends
         self.arrives(_BLOCKS[number], _BLOCK_SHARE)
 
     def setting_up(self) -> None:
