@@ -170,8 +170,10 @@ def test_tasks_and_checks_without_a_plc_have_the_time_until_the_next_step() -> N
         steps = []
         for _ in range(10):
             expected, before = loop.expected, daemon.cycles
-            loop.until(lambda: daemon.cycles > before, "the next step")  # noqa: B023 (called at once)
-            assert loop.now() == expected
+            loop.run_until(expected - 1)
+            assert daemon.cycles == before
+            loop.run_until(expected)
+            assert daemon.cycles == before + 1
             steps.append(expected)
         assert looks == steps
 

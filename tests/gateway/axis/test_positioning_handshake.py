@@ -76,7 +76,8 @@ def test_edge_pending_at_the_end_of_operation_starts_nothing_later(end: int | No
     assert not hand(end) & NEW_SETPOINT
     hand(end, State.SWITCH_ON_DISABLED)
     hand.enable()
-    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(hand.latency)), "the drive may still take it"
+    assert not hand(ON) & (NEW_SETPOINT | HALT)
     assert hand.stepper.reason is None
 
 
@@ -93,7 +94,8 @@ def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task(waits: bool
         "a drive may continue the task without Halt"
     )
     hand.feedback.velocity_actual = 0
-    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(hand.latency))
+    assert not hand(ON) & (NEW_SETPOINT | HALT)
     assert hand.stepper.power.released
 
 

@@ -54,6 +54,11 @@ class Hand:
         return self
 
     @property
+    def latency(self) -> int:
+        """Cycles after which what the drive shows is its answer."""
+        return self.stepper.settings.latency_ns // _CYCLE_NS
+
+    @property
     def target(self) -> int:
         """Target Position 607Ah."""
         return self.stepper.command.target_position

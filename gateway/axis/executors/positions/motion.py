@@ -80,7 +80,7 @@ class MotionExecutor(Executor):
         self._taking = Answer(self.settings.latency_ns)
         """The acknowledge, in answer to the newest setpoint: a drive that has not shown it may still start."""
         self._acknowledged = False
-        """The last one that was shown answered a setpoint in force."""
+        """The drive has acknowledged a setpoint, and no stop or reject has ended it since."""
         self._effect = Answer(self.settings.latency_ns)
         """Whether the newest setpoint or Halt has had the time to show at the shaft."""
         self._blocked = False
