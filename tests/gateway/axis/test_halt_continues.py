@@ -151,6 +151,17 @@ def test_homing_waits_with_halt_for_its_parameters(name: str) -> None:
     assert drive.moved == 0
 
 
+@pytest.mark.parametrize("name", MAKES)
+@pytest.mark.parametrize("after", range(4))
+def test_a_homing_that_is_withdrawn_each_time_does_not_move_a_drive_that_continues(name: str, after: int) -> None:
+    drive = rejected(name)
+    for _ in range(20):
+        for word, cycles in ((ON, after), (ON | HOMING, 1), (ON & ~REJECT, 2)):
+            for _ in range(cycles):  # the drive has not taken the method
+                drive(word, SATZANW=0x8000 | 35) if name == "9" else drive(word)
+    assert drive.moved <= 2
+
+
 def test_homing_that_interrupts_a_task_keeps_halt_until_the_mode_changes() -> None:
     make, values = MAKES["9"]
     drive = Continuing(make().enable())

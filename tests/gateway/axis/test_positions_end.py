@@ -132,6 +132,19 @@ def test_acknowledge_that_stays_1_has_a_reason(name: str) -> None:
     assert hand.stepper.reason is Reason.SETPOINT_BLOCKED
 
 
+@pytest.mark.parametrize("name", MAKES)
+def test_a_setpoint_that_waits_for_the_late_acknowledge_of_a_cancelled_one_is_not_blocked(name: str) -> None:
+    make, values = MAKES[name]
+    hand = make(reaction_ns=3 * AxisSettings().stall_ns).enable()
+    hand(ON | ACTIVATE, **values)
+    hand(ON & ~REJECT)
+    hand(ON)
+    for _ in range(2 * STALLED):
+        assert not hand(ON | ACTIVATE) & NEW_SETPOINT, "the drive may still acknowledge the first one"
+        assert hand.stepper.reason is not Reason.SETPOINT_BLOCKED
+    assert not hand.stepper.events
+
+
 def homing(name: str) -> Hand:
     """A homing that the drive has started long ago; it turns."""
     hand = MAKES[name][0]().enable()

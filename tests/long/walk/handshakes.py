@@ -296,6 +296,7 @@ def short() -> Iterator[Handshakes]:
 def selected() -> Iterator[Handshakes]:
     """For CI: each telegram with a correct drive; telegrams 9 and 110 with every kind of drive and every wrong signal."""
     yield from (Handshakes(number, item) for number in TASK_TELEGRAM_NUMBERS for item in _orders(number))
+    yield from (Handshakes(number, Orders.MIXED, Character(keeps=True)) for number in (9, 110))
     for number, item in product((9, 110), (Orders.TASKS, Orders.HOMING)):
         yield from (Handshakes(number, item, kind) for kind in (*_DRIVES[1:], _LATE[0]))
         yield from (Handshakes(number, item, late) for late in _LATE[1:])

@@ -163,8 +163,8 @@ def _counted(now: Memory, plc: Plc, output: Output, before: Shaft, shaft: Shaft,
     if asked or (not shaft.turns and (ordered or not output.zsw1 & ZSW1_OPERATION)):
         unasked = 0
     elif shaft.turns:
-        # An order lets Halt fall, and the drive may continue for a cycle what Halt has stopped.
-        unasked = min(unasked + rests + (not before.turns and not ordered), STOP_LIMIT)
+        # A jog lets Halt fall, and the drive may continue for a cycle what Halt has stopped.
+        unasked = min(unasked + rests + (not before.turns and not now.jog), STOP_LIMIT)
     explained = bool(output.reason) or output.zsw1 & ZSW1_WARNING != 0
     held = suspended and now.awaited is Awaited.TASK
     ends = now.awaited is Awaited.NOTHING or explained or held or before.turns or shaft.turns

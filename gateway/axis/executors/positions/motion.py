@@ -190,6 +190,8 @@ class MotionExecutor(Executor):
         self._blocked = False
         if operates:
             mode.asked = False
+            if self._halted and not mode.halted and not self.stopped and mode.shows_base():
+                self._stopped_by_halt = _CONTINUED
             extra = self._execute(before, reason)
             if not mode.asked:
                 mode.cease()
@@ -229,7 +231,7 @@ class MotionExecutor(Executor):
         """An axis at standstill before the end of its motion has a reason, and a warning once."""
         inputs, outputs, statusword = self.inputs, self.outputs, self.feedback.statusword
         reason: Reason | None = None
-        if self._blocked and inputs.standstill:
+        if self._blocked and self._acknowledges and inputs.standstill:
             reason = Reason.SETPOINT_BLOCKED
         elif self._seen.taken == self._seen.given and self.positioner.course.expects_end():
             following_error = statusword & StatusBit.MODE_13 and self._mode.shows_base()
@@ -328,10 +330,8 @@ class MotionExecutor(Executor):
         self.outputs.end_warnings(_MOVES)
 
     def _stays_halted(self) -> bool:
-        """Without a function and after the fall of Halt: whether the drive continues what Halt has stopped."""
+        """Without a function: whether the drive continues what Halt has stopped, with a warning."""
         positioner, outputs = self.positioner, self.outputs
-        if self._halted and not self._mode.halted and not self.stopped and self._mode.shows_base():
-            self._stopped_by_halt = _CONTINUED
         if self._continued and not self._moved and not self.inputs.standstill:
             positioner.warn(None)
             outputs.warn(FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}")
@@ -398,9 +398,9 @@ class MotionExecutor(Executor):
         return self._halt_before_homing()
 
     def _halt_before_homing(self) -> int:
-        """Halt stays until the mode has to change, so that the drive does not continue what Halt has stopped."""
+        """Halt stays until the mode has to change, and rises again if the drive continues what Halt has stopped."""
         mode = self._mode
-        return HALT if mode.halted and self._halted and not mode.asked else 0
+        return self._halt() if self._halted and (mode.halted or self._continued) and not mode.asked else 0
 
     def _begin_homing(self, motion: Motion) -> None:
         self._forget_homing()
