@@ -153,10 +153,11 @@ def test_homing_waits_with_halt_for_its_parameters(name: str) -> None:
 
 @pytest.mark.parametrize("name", MAKES)
 @pytest.mark.parametrize("after", range(4))
-def test_a_homing_that_is_withdrawn_each_time_does_not_move_a_drive_that_continues(name: str, after: int) -> None:
+@pytest.mark.parametrize("end", [ON & ~REJECT, ON], ids=["rejected", "withdrawn"])
+def test_a_homing_that_ends_each_time_does_not_move_a_drive_that_continues(name: str, after: int, end: int) -> None:
     drive = rejected(name)
     for _ in range(20):
-        for word, cycles in ((ON, after), (ON | HOMING, 1), (ON & ~REJECT, 2)):
+        for word, cycles in ((ON, after), (ON | HOMING, 1), (end, 2)):
             for _ in range(cycles):  # the drive has not taken the method
                 drive(word, SATZANW=0x8000 | 35) if name == "9" else drive(word)
     assert drive.moved <= 2

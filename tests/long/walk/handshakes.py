@@ -269,6 +269,7 @@ _WRONG = tuple(
     if (signal, wrong) != (Signal.MODE, Wrong.EARLY)
 )
 _LATE = tuple(Character(to_drive=out, to_gateway=back) for out, back in ((1, 1), (0, 3), (3, 0), (3, 3)))
+_LIARS = tuple(replace(liar, to_drive=1, to_gateway=1) for liar in _WRONG)
 _DRIVES = (HONEST, Character(keeps=True), Character(fails=True), Character(fails=True, wrong=Wrong.STUCK), *_WRONG)
 
 
@@ -303,9 +304,11 @@ def selected() -> Iterator[Handshakes]:
 
 
 def every() -> Iterator[Handshakes]:
-    """All orders of all telegrams with every kind of drive, and all orders together with a correct one."""
+    """All orders of all telegrams with every kind of drive, and all orders together with a correct one; tasks and homing of
+    telegrams 9 and 110 with a late drive that reports a signal wrongly."""
     before = list(selected())
     yield from before
+    yield from (Handshakes(*each) for each in product((9, 110), (Orders.TASKS, Orders.HOMING), _LIARS))
     for number in TASK_TELEGRAM_NUMBERS:
         for item, kind in product(_orders(number), (*_DRIVES, *_LATE)):
             case = Handshakes(number, item, kind)

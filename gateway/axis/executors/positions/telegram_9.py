@@ -145,7 +145,7 @@ class PositioningExecutor(MotionExecutor):
                 outputs.end_warnings(TASK_WARNINGS)
             self._end_set_point()
             mode.abandon()
-        if state is _IDLE and before in (_IDLE, _BRAKING) and self._rest():
+        if state is _IDLE and (before is _IDLE or mode.halted) and self._rest():
             return HALT
         if goal is not None and motion.kind is MotionKind.STAND:
             return HALT | self._interrupted(goal)
