@@ -192,10 +192,12 @@ class Line(NamedTuple):
 
     @property
     def starts(self) -> bool:
-        """A setpoint to another place or a homing is on its way to the drive."""
+        """A setpoint to another place, a speed or a homing is on its way to the drive."""
         here = {0, self.shaft.position}
         return any(
-            word.target not in here or (word.mode == Mode.HOMING and word.controlword & ControlBit.NEW_SETPOINT)
+            word.target not in here
+            or word.velocity
+            or (word.mode == Mode.HOMING and word.controlword & ControlBit.NEW_SETPOINT)
             for word in self.sent
         )
 
