@@ -220,7 +220,7 @@ class CyclicEndpoint:
             return Finding.of(Reason.PLC_BAD, f"{text}; {self._expected}")
         elif index is not None and self.setpoints[index] is None:
             return Finding.of(Reason.PLC_BAD)
-        if self._foreign is None or now - self._foreign_at > _NAMED_NS:
+        if self._foreign in (None, self.peer) or now - self._foreign_at > _NAMED_NS:
             return None
         return self.why_refused(Verdict.FOREIGN_SENDER, self._foreign)
 

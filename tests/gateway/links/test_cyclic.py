@@ -116,6 +116,16 @@ def test_after_the_watchdog_the_first_sender_is_taken_with_any_counter() -> None
     connect(endpoint, frame(3), OTHER, 20 * CYCLE)
 
 
+def test_a_sender_that_has_become_the_plc_is_not_named_as_another_one() -> None:
+    endpoint = device()
+    connect(endpoint)
+    endpoint.receive(frame(2), OTHER, MS)
+    assert endpoint.finding() is not None
+    endpoint.poll(3 * CYCLE + 1)
+    connect(endpoint, frame(3), OTHER, 4 * CYCLE)
+    assert endpoint.finding() is None
+
+
 def test_a_configured_peer_is_the_only_one() -> None:
     endpoint = device(peer="127.0.0.9")
     assert endpoint.receive(frame(), PLC, 0) is Verdict.FOREIGN_SENDER
