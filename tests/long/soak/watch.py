@@ -242,6 +242,8 @@ class SoakAxis:
         change.
         """
         self.drive.node.catch_up(now)
+        if self.drive.node.state is not NmtState.OPERATIONAL:
+            self._commanded = 0  # it accepts no RPDOs
         self._measure(now)
         model, settled = self.drive.model, TRANSIENT_NS + self.late_ns
         seen = Seen(self._commanded)
