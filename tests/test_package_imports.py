@@ -145,7 +145,7 @@ BUDGET = {
     "gateway.axis": 14043,
     "gateway.axis.adapters": 4600,
     "gateway.axis.executors": 6476,
-    "gateway.axis.executors.positions": 9978,
+    "gateway.axis.executors.positions": 9969,
     "gateway.axis.supervision": 4465,
     "gateway.configuration": 10746,
     "gateway.objects": 11331,

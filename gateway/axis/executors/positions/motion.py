@@ -190,7 +190,7 @@ class MotionExecutor(Executor):
         self._blocked = False
         if operates:
             mode.asked = False
-            if self._halted and not mode.halted and not self.stopped and mode.shows_base():
+            if self._released() and not self.stopped:
                 self._stopped_by_halt = _CONTINUED
             extra = self._execute(before, reason)
             if not mode.asked:
@@ -338,6 +338,10 @@ class MotionExecutor(Executor):
         if self._moved and positioner.course.warning is None:
             positioner.warn(Reason.MOVES_UNASKED)
         return self._continued
+
+    def _released(self) -> bool:
+        """Halt has stopped a setpoint and has fallen: a drive that continues gets the next setpoint or mode at once."""
+        return self._halted and not self._mode.halted and self._mode.shows_base()
 
     def _continues_in_base_mode(self) -> bool:
         """The drive does not take another mode, and continues what Halt has stopped: Halt stays until it takes the mode."""

@@ -300,10 +300,6 @@ class PositionerExecutor(MotionExecutor):
             return 0
         return self._halt()
 
-    def _released(self) -> bool:
-        """Halt has stopped a setpoint and has fallen: a drive that continues is given the next setpoint or mode at once."""
-        return self._halted and not self._mode.halted and self._mode.shows_base()
-
     def _ramp_down(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
         mode, positioner = self._mode, self._basic
