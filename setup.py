@@ -121,7 +121,7 @@ def extensions() -> list[Any]:
         (package / path.name).symlink_to(path.resolve())
     rules = TREE / "mypy.ini"
     rules.write_text("[mypy]\n" + "".join(map(section, tools["mypy"]["overrides"])), encoding="utf-8")
-    # The Python that builds a wheel does not have the libraries, whose types some comments are for.
+    # An isolated build does not install the libraries, so mypy would report ignore comments for their types as unused.
     options = [f"--config-file={rules}", "--strict", "--no-warn-unused-ignores"]
     options += ["--follow-imports=silent", "--ignore-missing-imports"]
     made: list[Any] = mypycify(

@@ -141,7 +141,7 @@ BUDGET = {
     "dsp402.drive": 9086,
     "dsp406": 5819,
     "gateway": 10081,
-    "gateway.motion": 14457,
+    "gateway.motion": 14452,
     "gateway.axis": 14043,
     "gateway.axis.adapters": 4600,
     "gateway.axis.executors": 6476,

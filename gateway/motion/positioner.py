@@ -84,7 +84,6 @@ class PassiveHoming(enum.Enum):
 _NOT_OWED, _SHOWN = Acknowledge.NONE, Acknowledge.SHOWN
 _NOT_PASSIVE, _ARMED, _OVER = PassiveHoming.OFF, PassiveHoming.ARMED, PassiveHoming.OVER
 _STANDSTILL = Seen.STANDSTILL
-_STAND: Final = MotionKind.STAND
 _FIRST = {bit.name: bit.mask for bit in signal("POS_ZSW1").bits}
 _SECOND = {bit.name: bit.mask for bit in signal("POS_ZSW2").bits}
 _FUNCTION_BITS = {
@@ -605,7 +604,7 @@ class BasicPositioner(Positioner):
         if reached:
             second |= _SECOND["SETPOINT_STATIONARY"] | _SECOND["SETPOINT_REACHED"]
         else:
-            second |= _SECOND["SETPOINT_STATIONARY" if course.motion.kind is _STAND else "TRAVERSING"]
+            second |= _SECOND["SETPOINT_STATIONARY" if course.motion.kind is MotionKind.STAND else "TRAVERSING"]
         if not seen & _STANDSTILL:
             second |= _SECOND["MOVES_FORWARD" if speed > 0 else "MOVES_BACKWARD"]
         elif course.limits is not None:

@@ -304,8 +304,9 @@ def selected() -> Iterator[Handshakes]:
 
 
 def every() -> Iterator[Handshakes]:
-    """All orders of all telegrams with every kind of drive, and all orders together with a correct one; tasks and homing of
-    telegrams 9 and 110 with a late drive that reports a signal wrongly."""
+    """All orders of all telegrams with every kind of drive, and all orders together with a correct one.
+
+    Telegrams 9 and 110 also have tasks and homing with a late drive that reports a signal wrongly."""
     before = list(selected())
     yield from before
     yield from (Handshakes(*each) for each in product((9, 110), (Orders.TASKS, Orders.HOMING), _LIARS))
