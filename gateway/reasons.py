@@ -590,6 +590,12 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "set the velocity of the task to 100 % (max_velocity) and OVERRIDE to 4000h (100 %); then send a new task",
     )
+    NOT_LEFT = (
+        "the drive is at standstill and has not left operation yet",
+        _S.STOPPING,
+        _E.OPERATION,
+        "wait while its brake closes; if it takes longer than 10 s, check the brake and its time in the drive",
+    )
 
 
 def with_count(text: str, count: int, duration_ns: int) -> str:

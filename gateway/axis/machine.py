@@ -47,7 +47,7 @@ from pdgw.gateway.axis.supervision.drive_events import (
 )
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
-from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, HaltWatch, OperationWatch, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
@@ -69,13 +69,13 @@ from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
-_WITHOUT_BRAKE: Final = (Limit.NONE, *QUICK_STOPS)
 _AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
 _SET_POINT: Final = warning_bits(FaultNumber.SET_POINT)
 _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _PASS: Final = Action.PASS
 _HOLD: Final = PowerWish.HOLD
+_HALT: Final = Limit.HALT
 _STOPS_WITHOUT_PLC: Final = {
     PowerWish.COAST: PowerWish.NO_PLC_COAST,
     PowerWish.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
@@ -130,9 +130,7 @@ class AxisMachine:
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
         self.life = SignOfLifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
-        self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
-        self._operation = OperationWatch(settings.enter_ns, settings.reaction_ns, settings.stop_time_ns)
-        self._halt = HaltWatch(settings.reaction_ns, settings.stop_time_ns, settings.enter_ns)
+        self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns, settings.enter_ns)
         self._check = VelocityCheck(settings.stop_time_ns)
         self.units_contradicted = False
         """Its speed contradicts its units, which count as unknown until an acknowledgement."""
@@ -229,7 +227,10 @@ class AxisMachine:
         reason = Reason.UNITS_CONTRADICTED if self.units_contradicted else report.reason
         flags = statusword & cell.visible
         if known and inputs.drive_ok:
-            flags |= report.flags | (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
+            flags |= (
+                report.flags
+                | (SHOWN_STATE if cell.shown or self._stop.waits else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
+            )
             if outputs.warned or self._control_lost:
                 flags |= Flag.WARNING
         else:
@@ -279,9 +280,11 @@ class AxisMachine:
                 outputs.known_off = False  # it may have received Enable Operation and not shown it
         if drive.fault_since:
             drive.step(self._node, inputs.now)
-        halts = command.controlword & ControlBit.HALT != 0 and action is _ENABLE_OPERATION
-        if cell.limit or halts or self._operation.limit or self._halt.began >= 0 or self._stop.began >= 0:
-            self._watch_stops(cell.limit, halts)
+        limit = cell.limit
+        if not limit and action is _ENABLE_OPERATION and command.controlword & ControlBit.HALT:
+            limit = _HALT
+        if limit or self._stop.began >= 0:
+            self._watch_stops(limit)
         if self.demand.acknowledge or self.acknowledgement.waits:
             self._acknowledge()
 
@@ -296,21 +299,26 @@ class AxisMachine:
             self._node.acknowledged()
             self.units_contradicted = False
 
-    def _watch_stops(self, limit: Limit, halts: bool) -> None:
+    def _watch_stops(self, limit: Limit) -> None:
         """The drive must leave the state that it shows, and must brake; after a stop it must not turn without power."""
         inputs, outputs, stop, window = self.inputs, self.outputs, self._stop, self._window
         feedback, now = inputs.feedback, inputs.now
-        velocity = feedback.velocity_actual
-        if self._operation.step(limit, now):
-            self.interlock.distrust()
-            self._report_stop(FaultNumber.NOT_ENTERED)
-        if self._halt.step(halts, velocity, window, now):
-            self.interlock.distrust()
-            self._report_stop(FaultNumber.STOP_IGNORED)
-        if limit not in _WITHOUT_BRAKE and not outputs.known_off:
+        velocity, position = feedback.velocity_actual, feedback.position_actual
+        if limit is Limit.ENTER or (limit and not outputs.known_off):
             state = STATE_OF_STATUS[feedback.statusword & STATE_MASK]
-            if stop.step(limit, state, inputs.drive_ok, inputs.node_stopped, velocity, window, now):
-                self._report_stop(FaultNumber.STOP_IGNORED)
+            disobeys = stop.step(
+                limit,
+                state,
+                inputs.drive_ok,
+                inputs.node_stopped,
+                velocity,
+                position,
+                inputs.position_ns,
+                window,
+                now,
+            )
+            if disobeys:
+                self._report_stop(limit)
         elif stop.began >= 0:
             if not outputs.known_off or not inputs.drive_ok:
                 stop.over()
@@ -330,13 +338,19 @@ class AxisMachine:
             reason = Reason.INTERNAL_LIMIT if reason is None else reason
         if self._control_lost:
             warning |= _WITHOUT_CONTROL
+        if self._stop.waits:
+            reason = Reason.NOT_LEFT
         outputs.reason, outputs.warning = reason, warning
         if outputs.found:
             for number, detail in outputs.found:
                 outputs.fault(gateway_fault(number, detail, self.inputs.now))
             outputs.found.clear()
 
-    def _report_stop(self, number: FaultNumber) -> None:
+    def _report_stop(self, limit: Limit) -> None:
+        """The drive does not keep a limit: the next brake, and a fault."""
+        if limit in QUICK_STOPS:
+            self.interlock.distrust()
+        number = FaultNumber.NOT_ENTERED if limit in (Limit.ENTER, Limit.DISABLE) else FaultNumber.STOP_IGNORED
         feedback = self.inputs.feedback
         detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
         self.outputs.found.append((number, detail + f"speed {feedback.velocity_actual}"))
@@ -435,8 +449,8 @@ class AxisMachine:
             return
         speed = drive.scaling.reference(Quantity.SPEED)
         self._window = max(1, int(speed * self.settings.standstill_window))
-        self._stop.set_drive(int(speed))
         self._check.set_drive(drive.scaling, self._window)
+        self._stop.set_drive(int(speed), self._check.counts_per_unit, drive.scaling.position_span)
         if self._words is not None:
             self._words.set_drive(drive)
         sensor, span = self.sensor, drive.scaling.position_span

@@ -314,26 +314,26 @@ ROWS: Final = (
 
 
 LIMITS: Final = (
-    ((D.ENTERING,), (A.ENABLE_OPERATION,), Limit.ENTER),
-    ((*UNPOWERED, D.NO_REFERENCES), tuple(A), Limit.NONE),
-    (ANY_DRIVE, (A.PASS,), Limit.NONE),
-    (IN_OPERATION, (A.ENABLE_OPERATION,), Limit.NONE),
-    (SHOWS_OPERATION, (A.SWITCH_ON, A.SHUTDOWN), Limit.LEAVE),
-    (ANY_DRIVE, (A.RAMP,), Limit.BRAKE),
-    (QUICK_STOPS, (A.QUICK_STOP,), Limit.BRAKE),
-    (ANY_DRIVE, (A.QUICK_STOP,), Limit.STOP),
-    (ANY_DRIVE, tuple(A), Limit.OFF),
+    ((D.ENTERING,), (A.ENABLE_OPERATION,), ANY_WISH, Limit.ENTER),
+    ((*UNPOWERED, D.NO_REFERENCES), tuple(A), ANY_WISH, Limit.NONE),
+    (ANY_DRIVE, (A.PASS,), ANY_WISH, Limit.NONE),
+    (IN_OPERATION, (A.ENABLE_OPERATION,), ANY_WISH, Limit.NONE),
+    (SHOWS_OPERATION, (A.SWITCH_ON, A.SHUTDOWN), ANY_WISH, Limit.DISABLE),
+    (ANY_DRIVE, (A.RAMP,), ANY_WISH, Limit.RAMP),
+    (ANY_DRIVE, (A.QUICK_STOP,), ANY_WISH, Limit.STOP),
+    (ANY_DRIVE, (A.DISABLE_VOLTAGE,), COASTS, Limit.OFF2),
+    (ANY_DRIVE, tuple(A), ANY_WISH, Limit.OFF),
 )
-"""(state, command) -> limit; the first matching row counts, and each pair that the table above can give has one."""
+"""(state, command, request) -> limit; the first matching row counts, and each cell of the table above has one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
     """One entry of the compiled table; ``row`` is its number in ``ROWS``.
 
-    ``operating``: operation is commanded, and shown as commanded; else a Statusword that says Operation enabled is not repeated
-    to the PLC. ``visible``: the drive's own bits that are shown as they are; "no OFF2" and "no OFF3" are hidden while one is in
-    force, whatever the drive says. ``limit``: when the drive must show another state.
+    ``operating``: operation is commanded, and shown as commanded. ``shown``: a Statusword that says Operation enabled is repeated
+    to the PLC, also until Disable Operation has acted. ``visible``: the drive's own bits that are shown as they are; "no OFF2"
+    and "no OFF3" are hidden while one is in force, whatever the drive says. ``limit``: when the drive must show another state.
     """
 
     row: int
@@ -342,12 +342,15 @@ class Cell:
     controlword: int
     reason: Reason | None
     operating: bool
+    shown: bool
     visible: int
     limit: Limit
 
 
-def _limit(drive: Drive, action: Action) -> Limit:
-    return next(limit for drives, actions, limit in LIMITS if drive in drives and action in actions)
+def _limit(drive: Drive, action: Action, wish: PowerWish) -> Limit:
+    return next(
+        limit for drives, actions, wishes, limit in LIMITS if drive in drives and action in actions and wish in wishes
+    )
 
 
 def _visible(phase: Phase, wish: PowerWish) -> int:
@@ -371,9 +374,10 @@ def _compile() -> tuple[Cell, ...]:
                         if reason in _PLC_ASKED and wish in NO_PLC:
                             reason = Reason.PLC_LOST
                         operating = row.action in (A.ENABLE_OPERATION, A.PASS) and drive in IN_OPERATION
+                        shown = operating or (row.action in (A.SWITCH_ON, A.SHUTDOWN) and drive in SHOWS_OPERATION)
                         word = CONTROLWORDS[row.action]
-                        visible, limit = _visible(after, wish), _limit(drive, row.action)
-                        cells.append(Cell(number, after, row.action, word, reason, operating, visible, limit))
+                        visible, limit = _visible(after, wish), _limit(drive, row.action, wish)
+                        cells.append(Cell(number, after, row.action, word, reason, operating, shown, visible, limit))
                         break
                 else:
                     raise AssertionError(f"power table: no row for {phase.name}, {drive.name}, {wish.name}")

@@ -251,7 +251,7 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.passes(Enable.SUPPLY)
     elif axis.shows_supply or commanded:
         chain.breaks(Reason.NO_SUPPLY)
-    if reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.INHIBITED):
+    if reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.INHIBITED, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
         chain.passes(Enable.OPERATION)

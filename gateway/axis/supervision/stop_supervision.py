@@ -1,8 +1,8 @@
 """Detects that a drive does not do in time what is commanded, and selects the next brake.
 
-``power_table.Limit`` names the state that must end, or the speed that must fall along the ramp of the drive. Otherwise the drive
-gets Quick Stop, then NMT stop. If the node does not confirm that, the gateway's heartbeat is withheld, so that the abort option
-6007h of the drive is the last brake. Source: docs/safety.md.
+``power_states.Limit`` names the state that must end and the line under which the speed must be. Otherwise the drive gets Quick
+Stop, or NMT stop if a stop is commanded already. If the node does not confirm that, the gateway's heartbeat is withheld, so that
+the abort option 6007h of the drive is the last brake. Source: docs/safety.md.
 """
 
 from __future__ import annotations
@@ -10,27 +10,29 @@ from __future__ import annotations
 import enum
 from typing import Final
 
+from pdgw.dsp402.drive_type import POSITIONS
 from pdgw.dsp402.states import State
-from pdgw.gateway.axis.power_states import Limit
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.power_states import COLUMNS, Leave, Limit, Line
+from pdgw.gateway.axis.supervision.velocity_check import shortest
 
 RAMP_MARGIN: Final = 2
 """Factor on the stop time of the drive."""
-QUICK_STOPS: Final = (Limit.ENTER, Limit.LEAVE)
+QUICK_STOPS: Final = (Limit.ENTER, Limit.DISABLE, Limit.HALT)
 """Limits with Quick Stop as their brake: it was not commanded yet."""
-_BRAKES: Final = (Limit.BRAKE, Limit.STOP)
-"""The speed must fall."""
 _MUST_END: Final = {
+    Limit.ENTER: (State.SWITCHED_ON,),
+    Limit.DISABLE: (State.OPERATION_ENABLED,),
     Limit.STOP: (State.OPERATION_ENABLED,),
     Limit.OFF: (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE),
+    Limit.OFF2: (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE),
 }
 """States that must end in time."""
 _SLOWER: Final = 0.95
 """A shaft that coasts loses this share of its speed in the time of a stop."""
-
-
-def _longest_stop(reaction_ns: int, stop_time_ns: int) -> int:
-    """Time in which a drive has stopped from 100 % speed, with margin."""
-    return reaction_ns + RAMP_MARGIN * stop_time_ns
+_JERK: Final = 7
+"""A ramp without a linear part that takes twice the stop time has left the standstill window (1 %) after this part of the stop
+time."""
 
 
 class Brake(enum.IntEnum):
@@ -42,29 +44,51 @@ class Brake(enum.IntEnum):
 
 
 class StopWatch:
-    """One axis. Call ``step`` in each cycle with a limit, and ``coast`` after it while the drive shows power off."""
+    """One axis. Call ``step`` in each cycle with a limit, and ``coast`` after it while the drive shows power off.
 
-    def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
+    Times in nanoseconds. ``reaction_ns``: in which a command has an effect. ``stop_time_ns``: from 100 % speed to standstill.
+    ``enter_ns``: in which a brake opens or closes.
+    """
+
+    def __init__(self, reaction_ns: int, stop_time_ns: int, enter_ns: int) -> None:
         self._reaction = reaction_ns
         self._stop_time = stop_time_ns
-        self._stopped_within = _longest_stop(reaction_ns, stop_time_ns)
-        self.set_drive(0)
+        self._enter = enter_ns
+        self._stopped_within = reaction_ns + RAMP_MARGIN * stop_time_ns
+        """Time in which a drive has stopped from 100 % speed, with margin."""
+        self._halted_within = max(self._stopped_within, enter_ns)
+        """In less time, noise may hide the slow ramp of the PLC."""
+        self.set_drive(0, 0.0, POSITIONS)
         self.brake: Brake = Brake.NONE
+        self.limit: Limit = Limit.NONE
+        """The limit in force."""
         self.began = -1
         """When the stop was commanded first, or the speed of a drive without power fell last; -1 while no stop is watched."""
         self._speed = 0
         """The speed from which the drive brakes."""
+        self._fell = -1
+        """When the speed fell last under Halt."""
+        self._leave: Leave = Leave.NONE
         self._ignored: State | None = None
         self._ignored_since = -1
         """Since when the drive shows this state, which must end; -1 while it does not."""
+        self._still_since = -1
+        """Since when the shaft is inside the standstill window and in this state; -1 while it is not,"""
+        self._still_at: int | None = None
+        """and at which position; None: none has come since."""
+        self.waits = False
+        """The drive is at standstill and has not left its state in the reaction time: its brake closes."""
         self._braked = 0
         """When the NMT stop was sent; -1: the node has reported NMT Stopped. The next bring-up ends this state."""
         self._nmt_tried = False
         """An NMT stop was of no use: the drive was not off when it was there again."""
 
-    def set_drive(self, reference: int) -> None:
-        """Set 100 % speed in the drive's units."""
+    def set_drive(self, reference: int, counts_per_unit: float, span: int) -> None:
+        """Set 100 % speed in the drive's units, position units a second of one velocity unit (0: unknown), and the number of
+        positions."""
         self.reference = reference
+        self._counts_per_unit = counts_per_unit
+        self._span = span
 
     def over(self) -> None:
         """The drive is off, or follows the PLC again."""
@@ -72,17 +96,39 @@ class StopWatch:
         self._nmt_tried = False
 
     def _restart(self) -> None:
-        self.began = self._ignored_since = -1
+        self.limit = Limit.NONE
+        self.began = self._fell = -1
+        self._speed = 0
         self.brake = Brake.NONE
+        self._left()
+
+    def _left(self) -> None:
+        """No state has to end."""
+        self._ignored_since = self._still_since = -1
+        self._ignored, self._leave, self.waits = None, Leave.NONE, False
 
     def step(
-        self, limit: Limit, state: State | None, seen: bool, node_stopped: bool, velocity: int, window: int, now: int
+        self,
+        limit: Limit,
+        state: State | None,
+        seen: bool,
+        node_stopped: bool,
+        velocity: int,
+        position: int,
+        position_ns: int,
+        window: int,
+        now: int,
     ) -> bool:
         """One cycle of a state with a limit; True if the drive does not keep it.
 
         ``state``: what the drive shows. ``seen``: its values are fresh. ``node_stopped``: its heartbeat reports Stopped.
-        ``velocity``: actual speed, standstill within ``window``. ``now``: monotonic nanoseconds.
+        ``velocity``: actual speed, standstill within ``window``. ``position`` came at ``position_ns``. ``now``: monotonic
+        nanoseconds.
         """
+        if limit is not self.limit:
+            if limit in QUICK_STOPS or self.limit in QUICK_STOPS:
+                self._restart()
+            self.limit = limit
         if self.brake is Brake.NMT_STOP:
             if node_stopped:
                 self._braked = -1
@@ -91,23 +137,18 @@ class StopWatch:
                     self.brake = Brake.WITHHOLD_HEARTBEAT
             elif seen:
                 self._restart()
+                self.limit = limit
                 self._nmt_tried = True
         if self.brake is not Brake.NONE or not seen:
             return False
         speed = abs(velocity)
         if self.began < 0:
-            self.began = now
-            self._speed = speed
+            self.began, self._speed = now, speed
         elif now - self.began <= self._reaction:
             self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
-        disobeys = limit in _BRAKES and speed > max(window, self._allowed(now))
-        if state not in _MUST_END.get(limit, ()):
-            self._ignored_since = -1
-        elif self._ignored_since < 0 or state is not self._ignored:
-            self._ignored, self._ignored_since = state, now
-        elif now - self._ignored_since > self._reaction:
-            disobeys = True
-        if disobeys:
+        stays = self._stays(limit, state, speed <= window, position, position_ns, window, now)
+        disobeys = stays or self._turns(COLUMNS[limit].line, speed, window, now)
+        if disobeys and limit not in QUICK_STOPS:
             self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
             self._braked = now
         return disobeys
@@ -115,9 +156,9 @@ class StopWatch:
     def coast(self, velocity: int, window: int, now: int) -> bool:
         """One cycle after a stop, with a drive that shows power off. True, once, if it turns and does not become slower."""
         self.brake = Brake.NONE
-        self._nmt_tried = False
+        self._nmt_tried = self.waits = False
         speed = abs(velocity)
-        if speed <= window:
+        if speed <= window or self.limit is Limit.ENTER:
             self.over()
         elif speed < _SLOWER * self._speed:
             self._speed, self.began = speed, now
@@ -126,59 +167,68 @@ class StopWatch:
             return True
         return False
 
-    def _allowed(self, now: int) -> int:
-        """The speed a drive on its ramp is below by now, with margin."""
-        braking = now - self.began - self._reaction
-        if braking <= 0:
-            return self._speed
+    # -- the speed ------------------------------------------------------------------------------------------------------
+
+    def _turns(self, line: Line, speed: int, window: int, now: int) -> bool:
+        """Whether the speed is above its line."""
+        since = now - self.began
+        if speed <= window:
+            if line is Line.PLC:
+                self._restart()  # the next motion has its own time
+            return False
+        if line is Line.RAMP:
+            return since > self._reaction and speed > self._ramp(since - self._reaction)
+        if line is Line.DRIVE:
+            lost = max(window, int((1 - _SLOWER) * self._speed * since / self._stop_time))
+            return since > self._reaction + self._stop_time // _JERK and speed > self._speed - lost
+        if line is Line.PLC:
+            if since <= self._halted_within:
+                self._speed, self._fell = max(speed, self._speed), now
+            elif speed < self._speed:
+                self._speed, self._fell = speed, now
+            return now - self._fell > self._halted_within
+        return False
+
+    def _ramp(self, braking: int) -> int:
+        """The speed a drive on its ramp is below after this time, with margin."""
         return self._speed - self.reference * braking // (RAMP_MARGIN * self._stop_time)
 
+    # -- the state ------------------------------------------------------------------------------------------------------
 
-class OperationWatch:
-    """One axis: whether Operation Enabled is entered and left in time, else the drive gets Quick Stop."""
-
-    def __init__(self, enter_ns: int, reaction_ns: int, stop_time_ns: int) -> None:
-        self._enter = enter_ns
-        self._leave = _longest_stop(reaction_ns, stop_time_ns)
-        self.limit: Limit = Limit.NONE
-        """The limit in force."""
-        self._since = 0
-        """When the limit began, monotonic ns."""
-
-    def step(self, limit: Limit, now: int) -> bool:
-        """One cycle; True if the drive does not keep the limit."""
-        if limit is not self.limit:
-            self.limit = limit
-            self._since = now if limit in QUICK_STOPS else 0
-        if limit is Limit.ENTER:
-            return now - self._since > self._enter
-        return limit is Limit.LEAVE and now - self._since > self._leave
-
-
-class HaltWatch:
-    """One axis: whether the speed falls while Halt (CW.8) is commanded in operation, else the drive gets Quick Stop.
-
-    The deceleration may be the PLC's and slow, and a jerk limit may let the speed rise at first: the speed must only fall at all.
-    """
-
-    def __init__(self, reaction_ns: int, stop_time_ns: int, shortest_ns: int) -> None:
-        self._time = max(_longest_stop(reaction_ns, stop_time_ns), shortest_ns)
-        """``shortest_ns``: in less time, noise may hide a slow ramp."""
-        self.began = self._since = -1
-        """When Halt was commanded and when the speed fell last, monotonic ns; -1 while nothing must stop."""
-        self._speed = 0
-        """The speed that it must fall below."""
-
-    def step(self, halts: bool, velocity: int, window: int, now: int) -> bool:
-        """One cycle; True if the drive ignores Halt."""
-        speed = abs(velocity)
-        if not halts or speed <= window:
-            self.began, self._since, self._speed = -1, -1, 0
+    def _stays(
+        self, limit: Limit, state: State | None, slow: bool, position: int, position_ns: int, window: int, now: int
+    ) -> bool:
+        """Whether the drive shows a state for too long."""
+        if state not in _MUST_END.get(limit, ()):
+            self._left()
             return False
-        if self.began < 0:
-            self.began = now
-        if now - self.began <= self._time:
-            self._speed, self._since = max(speed, self._speed), now
-        elif speed < self._speed:
-            self._speed, self._since = speed, now
-        return now - self._since > self._time
+        leave = COLUMNS[limit].leave
+        if self._ignored_since < 0 or state is not self._ignored or leave > self._leave:
+            self._ignored, self._ignored_since, self._leave = state, now, leave
+            self._still_since = -1
+        ignored, allowed = now - self._ignored_since, self._reaction
+        if self._leave is Leave.RAMP:
+            allowed = self._stopped_within
+        elif self._leave is Leave.ENTER:
+            allowed = self._enter
+        still = slow and self._is_still(position, position_ns, window, now)
+        if not slow:
+            self._still_since = -1
+        may_wait = still and (self._leave is Leave.BRAKE or self._leave is Leave.RAMP)
+        if may_wait:
+            allowed = max(allowed, self._enter)
+        self.waits = may_wait and self._reaction < ignored <= allowed
+        return ignored > allowed
+
+    def _is_still(self, position: int, position_ns: int, window: int, now: int) -> bool:
+        """Whether a shaft inside the standstill window keeps its position. Without a position, only its speed counts."""
+        if self._still_since < 0:
+            self._still_since, self._still_at = now, None
+        if position_ns <= self._still_since:
+            return True
+        if self._still_at is None:
+            self._still_at = position
+        # The way that the window allows in the reaction time, or on the ramp from its edge to standstill.
+        way = window * max(self._reaction, self._stop_time * window // max(1, self.reference)) / SECOND
+        moved = shortest(position - self._still_at, self._span)
+        return not self._counts_per_unit or abs(moved) <= max(1.0, way * self._counts_per_unit)

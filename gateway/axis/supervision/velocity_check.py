@@ -47,7 +47,7 @@ class VelocityCheck:
 
     def __init__(self, stop_time_ns: int) -> None:
         self._stop_time = stop_time_ns
-        self._counts_per_unit = 0.0
+        self.counts_per_unit = 0.0
         """Position units a second of one velocity unit; 0 where one of them is not known."""
         self._counts = 0.0
         self._full = self._floor = 0
@@ -60,10 +60,10 @@ class VelocityCheck:
         """Set the drive's units. ``window``: speeds within it count as standstill."""
         counts, per_rpm = scaling.counts_per_revolution, scaling.velocity_per_rpm
         if counts is None or per_rpm is None:
-            self._counts = self._counts_per_unit = 0.0
+            self._counts = self.counts_per_unit = 0.0
         else:
             self._counts = float(counts)
-            self._counts_per_unit = float(counts / per_rpm / SECONDS_PER_MINUTE)
+            self.counts_per_unit = float(counts / per_rpm / SECONDS_PER_MINUTE)
         self._span = scaling.position_span
         self._compares_signs = scaling.same_signs
         self._full = int(scaling.reference(Quantity.SPEED))
@@ -114,7 +114,7 @@ class VelocityCheck:
         text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
         if text:
             return FaultNumber.VELOCITY, text
-        if self._counts_per_unit and position_ns - self._position_ns >= SAMPLE_NS:
+        if self.counts_per_unit and position_ns - self._position_ns >= SAMPLE_NS:
             found = self._compare(position, position_ns)
             self._lowest = self._highest = velocity
             return found
@@ -144,15 +144,15 @@ class VelocityCheck:
     def _compare(self, position: int, position_ns: int) -> tuple[FaultNumber, str] | None:
         """6064h has moved on: by how much, and by how much it should have."""
         duration = (position_ns - self._position_ns) / SECOND if self._position_ns else 0.0
-        moved = _shortest(position - self._position, self._span)
-        way = self._way / SECOND * self._counts_per_unit
+        moved = shortest(position - self._position, self._span)
+        way = self._way / SECOND * self.counts_per_unit
         expected = abs(way)
         spread = (self._highest - self._lowest) * duration
         steady = spread <= max(abs(self._way) / SECOND, self._floor * duration)
         self._position, self._position_ns, self._way = position, position_ns, 0
         if not duration:
             return None
-        least = max(_FEWEST_COUNTS, self._floor * self._counts_per_unit * duration)
+        least = max(_FEWEST_COUNTS, self._floor * self.counts_per_unit * duration)
         if not steady or max(abs(moved), expected) < least or expected > self._span * _MOST_OF_SPAN:
             self._steps = ()
             return None
@@ -184,6 +184,6 @@ class VelocityCheck:
         return FaultNumber.VELOCITY_DEVIATES, text
 
 
-def _shortest(step: int, span: int) -> int:
+def shortest(step: int, span: int) -> int:
     """Distance between two positions of a counter that wraps after ``span``."""
     return (step + span // 2) % span - span // 2

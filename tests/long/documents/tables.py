@@ -19,7 +19,15 @@ from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.kinds import Alarm, AreaState, EncoderType, Operating, Warnings
 from pdgw.dsp406.objects import PROFILE, ProfileObject
 from pdgw.gateway.axis.demand_report import PowerWish
-from pdgw.gateway.axis.power_states import CONTROLWORDS, LIMIT_TEXTS, Action, Drive, Limit, Phase
+from pdgw.gateway.axis.power_states import (
+    COLUMNS,
+    CONTROLWORDS,
+    LEAVE_TEXTS,
+    LINE_TEXTS,
+    Action,
+    Drive,
+    Phase,
+)
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, LIMITS, ROWS
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
@@ -409,7 +417,12 @@ def _power_table() -> Sequence[str]:
         )
         for number, row in enumerate(ROWS, 1)
     )
-    limits = ((_names(d, ANY_DRIVE), _names(a, tuple(Action)), _name(limit)) for d, a, limit in LIMITS)
+    limits = (
+        (_names(d, ANY_DRIVE), _names(a, tuple(Action)), _names(w, ANY_WISH), _name(limit)) for d, a, w, limit in LIMITS
+    )
+    columns = (
+        (_name(limit), LEAVE_TEXTS[item.leave], LINE_TEXTS[item.line], item.text) for limit, item in COLUMNS.items()
+    )
     words = ("of the telegram" if a is Action.PASS else f"{CONTROLWORDS[a]:04X}h" for a in Action)
     return (
         table(("row", "phase", "drive shows", "requested", "next phase", "command", "reason", "why"), rows),
@@ -418,8 +431,10 @@ def _power_table() -> Sequence[str]:
         table(("command", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
         "## Limits of time\n",
         "What the drive shows must end in time under a command. The first matching row counts.\n",
-        table(("drive shows", "command", "limit"), limits),
-        table(("limit", "meaning"), ((_name(limit), LIMIT_TEXTS[limit]) for limit in Limit)),
+        table(("drive shows", "command", "requested", "limit"), limits),
+        "The drive must leave its state in time, and its speed must be inside the standstill window or below a line. The limit "
+        "`halt` is in force while Halt (CW.8) is commanded in operation.\n",
+        table(("limit", "leaves its state within", "line of the speed", "meaning"), columns),
     )
 
 

@@ -32,6 +32,8 @@ class BrakeMemory(NamedTuple):
     """Enable Operation stays set for a ramp."""
     stop: bool = False
     """Quick Stop or Disable Voltage was commanded, not only Disable Operation: then the drive has its time again."""
+    off2: bool = False
+    """OFF2 was commanded: a drive at standstill has no more time than one that turns."""
     ignores: int = 0
     """Steps in which the drive reported a state that the command ends: operation, and with Disable Voltage the quick stop."""
     state: State | None = None
@@ -47,9 +49,13 @@ class BrakeMemory(NamedTuple):
 
 
 class BrakeMonitor:
-    """Checks the steps in order."""
+    """Checks the steps in order. ``still_steps``: steps that a drive at standstill has for its brake; 0: no more than one that
+    turns."""
 
     first = BrakeMemory()
+
+    def __init__(self, still_steps: int = 0) -> None:
+        self._still = still_steps
 
     def step(self, before: BrakeMemory, plc: Plc, shown: Shown, output: Output) -> tuple[BrakeMemory, list[Rule]]:
         """The state of the rules after the step, and the broken rules."""
@@ -64,27 +70,32 @@ class BrakeMonitor:
             before, tried = before._replace(ignores=0, turns=0), not off
         ramp = cw & ENABLE == ENABLE and (before.ramp or plc.word & ENABLE != ENABLE)
         stop = cw & _STOPS != _STOPS
-        ignores, ignored = _ignored(before, shown, state, cw)
+        ignores, ignored = _ignored(before, shown, state, cw, max(_LEAVE, self._still + 2))
+        off2 = ignores > 0 and (before.off2 or plc.word & _STOPS in (0x0, 0x4))
         turns = before.turns
         if shown.ok:
             with_power = ramp or cw & _STOPS == _QUICK_STOP
             turns = min(turns + 1, _REACTION) if with_power and shown.velocity else 0
         waits = min(before.waits + 1, _NMT_REACTION) if braking else 0
+        patience = _REACTION if stop else _LEAVE
+        closes = shown.velocity == 0 and not off2 and not (braking or tried)
+        if closes:
+            patience = max(patience, self._still + 2)
         seen = Seen(
             brake=brake,
             braked=before.brake,
-            overdue=ignores >= (_REACTION if stop else _LEAVE) or turns == _REACTION,
-            continues=ignores > 0 or turns > 0,
+            overdue=ignores >= patience or turns == _REACTION,
+            continues=ignores > (self._still if closes else 0) or turns > 0,
             unstopped=tried or (waits == _NMT_REACTION and not obeyed),
             off=off or there_again,
         )
         still = brake is Brake.NMT_STOP
         waits = waits if still else 0
-        memory = BrakeMemory(brake, ramp, stop, ignores, ignored, turns, waits, obeyed and still, tried)
+        memory = BrakeMemory(brake, ramp, stop, off2, ignores, ignored, turns, waits, obeyed and still, tried)
         return memory, broken(seen)
 
 
-def _ignored(before: BrakeMemory, shown: Shown, state: State | None, cw: int) -> tuple[int, State | None]:
+def _ignored(before: BrakeMemory, shown: Shown, state: State | None, cw: int, most: int) -> tuple[int, State | None]:
     """Steps in which the drive ignores the command, and the state that it does not leave."""
     stop = cw & _STOPS != _STOPS
     repeated = stop is before.stop
@@ -93,4 +104,4 @@ def _ignored(before: BrakeMemory, shown: Shown, state: State | None, cw: int) ->
     ends = _MUST_END if stop and not cw & _QUICK_STOP else _MUST_END[:1]
     if cw & ENABLE == ENABLE or state not in ends:
         return 0, None
-    return min(before.ignores + 1, _LEAVE) if repeated and state is before.state else 1, state
+    return min(before.ignores + 1, most) if repeated and state is before.state else 1, state

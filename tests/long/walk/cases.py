@@ -46,6 +46,7 @@ LONG_TICK_NS = 1000 * MS
 """One step of a walk with homing or jog. Ages of a mode and a homing (1 s) and of a setpoint (2 s) are one and two steps. Shorter
 ages are over after one step; the walks without homing and jog have them.
 """
+_BRAKE_STEPS = 5
 NOT_WALKED = dict.fromkeys(ENCODER_TELEGRAM_NUMBERS, "an encoder has no power stage and no motion")
 """Telegrams without a walk, with the reason."""
 ANSWER_NS = 2 * SECOND
@@ -73,6 +74,8 @@ class Case:
     full: bool = False
     guarding: bool = False
     """Walk the stops beside the Controlword, with the results of guarding, instead of the Controlword."""
+    brake: bool = False
+    """A drive at standstill has five steps to leave operation, as with a holding brake."""
     life: int | None = None
     """P925, with a PLC that has a sign of life; None: without one."""
     homing: bool = False
@@ -86,7 +89,12 @@ class Case:
         """Name for the output."""
         parts = (
             *(f"telegram {self.number}", self.on_plc_loss.value, "resume" * self.resume, "hold" * self.hold),
-            *("full" * self.full, "guarding" * self.guarding, "sign of life" * (self.life is not None)),
+            *(
+                "full" * self.full,
+                "guarding" * self.guarding,
+                "brake" * self.brake,
+                "sign of life" * (self.life is not None),
+            ),
             *("homing" * self.homing, "jog" * self.jog),
         )
         return " ".join(filter(None, parts))
@@ -106,7 +114,7 @@ class Case:
             answer_steps=ANSWER_NS // self.tick_ns,
             enter_steps=2,
         )
-        monitor = BrakeMonitor() if self.guarding else Monitor(expected)
+        monitor = BrakeMonitor(_BRAKE_STEPS if self.brake else 0) if self.guarding else Monitor(expected)
         result = search(PowerWalk(machine, monitor), machine, until)
         if not result.violations and not self.guarding:
             off, acknowledge, on = (next(item for item in plc if item.word & 0x8F == word) for word in (0xE, 0x8E, 0xF))
@@ -144,7 +152,7 @@ class Case:
             ramp_stop_resume=self.resume,
             control_lost=ControlLost.HOLD if self.hold else ControlLost.STOP,
             stop_time_ns=STOP_TIME_NS,
-            enter_ns=self.tick_ns,
+            enter_ns=self.tick_ns * (_BRAKE_STEPS if self.brake else 1),
             stall_ns=self.tick_ns,
             sign_of_life_failures=MONITORING_OFF if self.life is None else self.life,
             cycle_ns=self.tick_ns,
@@ -178,6 +186,7 @@ def selected() -> Iterator[Case]:
     yield Case(RAW, ramp)
     yield Case(2, life=1)
     yield Case(1, guarding=True)
+    yield Case(1, guarding=True, brake=True)
 
 
 def every() -> Iterator[Case]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import enum
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Collection, Hashable, Iterable
 from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -90,6 +90,7 @@ class _Part:
 
     __slots__ = (
         "_always",
+        "_awake",
         "_children",
         "_compared",
         "_containers",
@@ -113,8 +114,10 @@ class _Part:
         kind: Any = type(item)
         self._kind = kind
         passing, aside = _declared(kind, "PASSING"), _declared(kind, "ASIDE")
+        awake: tuple[str, Collection[object]] | None = None
         if not stops:
             aside |= _declared(kind, "SUPERVISION")
+            awake = OF.get(kind, {}).get("WHILE")
         if not data:
             aside |= _declared(kind, "DATA")
         every = [name for name in _names(item) if name not in passing]
@@ -124,6 +127,7 @@ class _Part:
         self._children: list[object] = []
         names = self.names = tuple(name for name in every if not _is_fixed(getattr(item, name)))
         self.get, self._put = _access(*names)
+        self._awake = None if awake is None else (names.index(awake[0]), awake[1])
         self.values: tuple[Any, ...] = ()
         self.number = -1
         values = self.get(item)
@@ -151,6 +155,11 @@ class _Part:
                 terms[place] = f"tuple(values[{i}]{items})"
         self._pick = _picking(*terms, *(f"values[{i}] != 0" for i in self._counters))
 
+    @property
+    def is_compared(self) -> bool:
+        """Its values count at the moment."""
+        return self._awake is None or self.values[self._awake[0]] in self._awake[1]
+
     def take(self, values: tuple[Any, ...], numbers: dict[Hashable, int]) -> None:
         """Take note of other values. ``numbers``: of every content that there was."""
         if self._containers:
@@ -159,7 +168,7 @@ class _Part:
                 copied[place] = copy.copy(copied[place])
             values = tuple(copied)
         self.values = values
-        content = self._pick(self._kind, values)
+        content = self._pick(self._kind, values) if self.is_compared else (self._kind,)
         number = numbers.get(content)
         if number is None:
             number = numbers[content] = len(numbers)
@@ -296,7 +305,7 @@ class Checkpoints:
         found = [tuple(found)]
         found += [part.number for part in self._parts]
         for part, i, age in self._instants:
-            instant: int = part.values[i]
+            instant: int = part.values[i] if part.is_compared else -1
             found.append(min(now - instant, age) if instant > 0 else instant - 1)
         if self._serials:
             serials = [part.values[i] for part, i in self._serials]

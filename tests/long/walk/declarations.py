@@ -7,7 +7,8 @@
 | ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
 | ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
 | ``BITS`` | words of which only these bits are compared |
-| ``SUPERVISION`` | compared only with ``stops``: only the brakes beside the Controlword depend on them; ``*``: all |
+| ``SUPERVISION`` | compared only with ``stops``: only the brakes beside the Controlword depend on them |
+| ``WHILE`` | without ``stops``, the object is compared only while this attribute has one of these values |
 | ``DATA`` | compared only with ``data``: they are sent, and nothing else depends on them |
 | ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
 """
@@ -35,7 +36,7 @@ from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Interlock
 from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
-from pdgw.gateway.axis.supervision.stop_supervision import HaltWatch, OperationWatch, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
 from pdgw.gateway.axis.values import Answer, Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
@@ -84,15 +85,15 @@ OF: Final[dict[type, dict[str, Any]]] = {
     Acknowledgement: {"ASIDE": frozenset({"_until", "_seen"})},
     DriveWatch: {"ASIDE": frozenset({"fault_began", "fault_since"}), "SUPERVISION": frozenset({"shown"})},
     StopWatch: {
-        "SUPERVISION": frozenset({"*"}),
+        "WHILE": ("limit", QUICK_STOPS),
         "INSTANTS": lambda item: {
-            "began": item._stopped_within,
-            "_ignored_since": item._reaction + 1,
+            "began": item._halted_within + 1,
+            "_fell": item._halted_within + 1,
+            "_ignored_since": max(item._enter, item._stopped_within, item._reaction) + 1,
             "_braked": item._reaction,
+            "_still_since": 1,
         },
     },
-    HaltWatch: {"INSTANTS": lambda item: {"began": item._time + 1, "_since": item._time + 1}},
-    OperationWatch: {"INSTANTS": lambda item: {"_since": max(item._enter, item._leave) + 1}},
     VelocityCheck: {
         "INSTANTS": {
             "_at": SAMPLE_NS,

@@ -264,7 +264,9 @@ class _Step:
             setpoint = setpoints[1] if enabled and setpoints is not None else 0
             follows = operates and (self.asked.hold or (output.velocity != 0) == (setpoint != 0))
         seen.zsw1 = output.zsw1 & ZSW1_FAULT if expected.raw else output.zsw1
-        seen.operates = operates or seen.zsw1 & ZSW1_FAULT != 0
+        # Disable Operation acts when the drive has left operation, not when it is sent.
+        disables = self.in_operation and output.controlword & _STOPS == _STOPS
+        seen.operates = operates or disables or seen.zsw1 & ZSW1_FAULT != 0
         seen.follows = follows or expected.tasks
         seen.refused = not follows and not (expected.raw and output.controlword == self.plc.word)
 

@@ -122,8 +122,8 @@ def with_life(made: Iterable[Plc]) -> Iterator[Plc]:
 
 
 def stops(made: Iterable[Plc]) -> list[Plc]:
-    """The absence of a frame, OFF1, OFF3 and ON among these frames."""
-    words = {bits | CONTROL for bits in (OFF1, OFF3, ENABLE)}
+    """The absence of a frame, OFF1, OFF2, OFF3 and ON among these frames."""
+    words = {bits | CONTROL for bits in (OFF1, OFF2, OFF3, ENABLE)}
     return [item for item in made if item is LOST or item.word & (ENABLE | CONTROL | ACKNOWLEDGE) in words]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.dsp402.states import STATUS_OF, State, StatusBit
+from pdgw.dsp402.states import STATUS_OF, State, StatusBit, enables
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.power_states import Limit
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
@@ -17,6 +17,7 @@ from tests.support.axis.rig import Rig
 COAST, QUICK_STOP = ON & ~0x2, ON & ~0x4
 CYCLE = 4_000_000
 REACTION = AxisSettings().reaction_ns
+ENTER = AxisSettings().enter_ns
 TURNING = 3000
 
 
@@ -37,6 +38,11 @@ def without_reaction(bench: Bench, word: int | None, cycles: int) -> Brake:
     return bench.stepper.machine.outputs.brake
 
 
+def watched(watch: StopWatch, limit: Limit, state: State | None, now: int, velocity: int = 0) -> bool:
+    """One cycle with a drive whose position does not come."""
+    return watch.step(limit, state, True, False, velocity, 0, 0, 30, now)
+
+
 def numbers(bench: Bench) -> list[int]:
     return bench.stepper.numbers
 
@@ -52,11 +58,11 @@ def test_drive_that_ignores_a_stop_gets_nmt_stop_and_one_fault(word: int | None)
 
 def test_quick_stop_is_supervised_by_speed_while_the_statusword_changes() -> None:
     """An invalid Statusword from time to time restarts the reaction time of Operation Enabled, but not that of the speed."""
-    watch = StopWatch(REACTION, CYCLE)
+    watch = StopWatch(REACTION, CYCLE, ENTER)
     watch.reference = TURNING
     at = range(0, 2 * REACTION, REACTION // 4)
     found = [
-        watch.step(Limit.STOP, State.OPERATION_ENABLED if n != 5 else None, True, False, TURNING, 30, now)
+        watched(watch, Limit.STOP, State.OPERATION_ENABLED if n != 5 else None, now, TURNING)
         for n, now in enumerate(at, 1)
     ]
     assert found.index(True) == 5
@@ -183,15 +189,15 @@ def test_each_stop_has_its_own_time() -> None:
 
 def test_acceleration_to_an_earlier_setpoint_is_accepted_during_a_stop() -> None:
     settings = AxisSettings()
-    watch = StopWatch(settings.reaction_ns, settings.stop_time_ns)
+    watch = StopWatch(settings.reaction_ns, settings.stop_time_ns, settings.enter_ns)
     watch.reference, slope, began = 6000, 6000 / settings.stop_time_ns, 10**12
     for since in range(0, settings.stop_time_ns, CYCLE):
         braking = max(0, since - REACTION)
         speed = int(1000 + 2000 * min(1.0, since / REACTION) - slope * braking)
         if speed <= 0:
             break
-        assert not watch.step(Limit.BRAKE, State.OPERATION_ENABLED, True, False, speed, 10, began + since)
-    assert watch.step(Limit.BRAKE, State.OPERATION_ENABLED, True, False, 3001, 10, began + since)
+        assert not watched(watch, Limit.RAMP, State.OPERATION_ENABLED, began + since, speed)
+    assert watched(watch, Limit.RAMP, State.OPERATION_ENABLED, began + since, 3001)
 
 
 def test_fault_reaction_of_the_drive_has_no_time_limit() -> None:
@@ -202,10 +208,10 @@ def test_fault_reaction_of_the_drive_has_no_time_limit() -> None:
 
 
 def test_reaction_time_restarts_after_a_short_exit_from_operation() -> None:
-    watch = StopWatch(REACTION, AxisSettings().stop_time_ns)
+    watch = StopWatch(REACTION, AxisSettings().stop_time_ns, ENTER)
 
     def disobeys(operating: bool, now: int) -> bool:
-        return watch.step(Limit.STOP, State.OPERATION_ENABLED if operating else None, True, False, 0, 10, now)
+        return watched(watch, Limit.OFF2, State.OPERATION_ENABLED if operating else None, now)
 
     assert not disobeys(True, 0)
     assert not disobeys(False, REACTION)
@@ -222,10 +228,123 @@ def test_nmt_stop_is_released_by_power_off_without_an_off_of_the_plc() -> None:
     assert without_reaction(bench, None, 3) is Brake.NONE
 
 
-def test_ignored_shutdown_at_standstill_is_detected() -> None:
-    bench = turning()
+# -- a drive that is at standstill and keeps its state: its brake closes ------------------------------------------------
+
+
+def standing(word: int, seconds: float, **settings: object) -> Bench:
+    """A stop: the drive is at standstill and keeps its state."""
+    bench = turning(**settings)
     bench.drive.feedback.velocity_actual = 0
-    assert without_reaction(bench, OFF, REACTION // CYCLE + 3) is Brake.NMT_STOP
+    without_reaction(bench, word, int(seconds * SECOND // CYCLE))
+    return bench
+
+
+@pytest.mark.parametrize("word", [OFF, QUICK_STOP, ON & ~0x8], ids=["OFF1", "OFF3", "STW1.3 = 0"])
+def test_drive_at_standstill_may_need_ten_seconds_to_leave_operation(word: int) -> None:
+    bench = standing(word, 9.5, stop_time_ns=SECOND)
+    assert numbers(bench) == []
+    assert bench.stepper.machine.outputs.brake is Brake.NONE
+    assert bench.stepper.reason is Reason.NOT_LEFT
+    assert bench.stepper.machine.outputs.actuals[0] & 0x4, "the drive is in operation"
+    without_reaction(bench, word, int(SECOND // CYCLE))
+    assert numbers(bench) == [FaultNumber.NOT_ENTERED if word & 0x5 == 0x5 else FaultNumber.STOP_IGNORED]
+
+
+@pytest.mark.parametrize("word", [OFF, QUICK_STOP, ON & ~0x8], ids=["OFF1", "OFF3", "STW1.3 = 0"])
+def test_slow_brake_is_named_after_the_reaction_time_and_takes_no_on(word: int) -> None:
+    bench = standing(word, 0.2)
+    assert bench.stepper.reason is not Reason.NOT_LEFT
+    without_reaction(bench, word, int(SECOND // CYCLE))
+    assert bench.stepper.reason is Reason.NOT_LEFT
+    without_reaction(bench, ON, 10)
+    assert not enables(bench.controlword)
+    bench.drive.restart()
+    without_reaction(bench, word, 2)
+    assert bench.stepper.reason is not Reason.NOT_LEFT
+    assert not bench.stepper.machine.outputs.actuals[0] & 0x4
+
+
+@pytest.mark.parametrize("word", [OFF, QUICK_STOP], ids=["OFF1", "OFF3"])
+def test_drive_that_turns_again_while_its_brake_closes_is_stopped_at_once(word: int) -> None:
+    bench = standing(word, 1)
+    bench.drive.feedback.velocity_actual = 100
+    assert without_reaction(bench, word, 1) is Brake.NMT_STOP
+
+
+def test_drive_that_creeps_while_its_brake_closes_is_stopped() -> None:
+    """Its speed is inside the window, its position leaves the way of the reaction time."""
+    bench = standing(OFF, 1)
+    inputs, feedback = bench.stepper.machine.inputs, bench.drive.feedback
+    feedback.velocity_actual = window = 60
+    for _ in range(2 * REACTION // CYCLE):
+        inputs.position_ns = bench.now + CYCLE
+        feedback.position_actual += window * 4096 // 60 * CYCLE // SECOND + 1
+        if without_reaction(bench, OFF, 1) is not Brake.NONE:
+            break
+    assert bench.stepper.machine.outputs.brake is Brake.NMT_STOP
+
+
+def test_off2_keeps_its_time_at_standstill() -> None:
+    bench = standing(OFF, 1)
+    assert without_reaction(bench, COAST, REACTION // CYCLE) is Brake.NONE
+    assert without_reaction(bench, COAST, 5) is Brake.NMT_STOP
+
+
+def test_off2_is_not_weakened_by_a_later_off1() -> None:
+    bench = standing(COAST, 0.1)
+    without_reaction(bench, OFF, REACTION // CYCLE + 5)
+    assert bench.stepper.machine.outputs.brake is Brake.NMT_STOP
+
+
+def test_disable_voltage_after_a_finished_quick_stop_waits_for_the_brake() -> None:
+    bench = turning()
+    bench.step(QUICK_STOP, 0x2000)
+    feedback = bench.drive.feedback
+    feedback.statusword = STATUS_OF[State.QUICK_STOP_ACTIVE] | StatusBit.VOLTAGE_ENABLED
+    feedback.velocity_actual = 0
+    assert without_reaction(bench, QUICK_STOP, int(9.5 * SECOND // CYCLE)) is Brake.NONE
+    assert bench.controlword & 0xF == 0x0
+    assert without_reaction(bench, QUICK_STOP, int(SECOND // CYCLE)) is Brake.NMT_STOP
+
+
+# -- Disable Operation --------------------------------------------------------------------------------------------------
+
+
+def test_drive_that_does_not_hear_disable_operation_is_stopped_soon() -> None:
+    bench = turning()
+    allowed = REACTION + AxisSettings().stop_time_ns // 7
+    without_reaction(bench, ON & ~0x8, allowed // CYCLE)
+    assert numbers(bench) == []
+    assert bench.stepper.machine.outputs.actuals[0] & 0x4, "the drive is in operation"
+    without_reaction(bench, ON & ~0x8, 3)
+    assert numbers(bench) == [FaultNumber.NOT_ENTERED]
+    assert without_reaction(bench, ON & ~0x8, REACTION // CYCLE + 5) is Brake.NMT_STOP
+
+
+@pytest.mark.parametrize("seconds", [1, 5, 18])
+def test_ramp_with_jerk_limit_after_disable_operation_is_accepted(seconds: float) -> None:
+    bench = turning()
+    feedback, now = bench.drive.feedback, 0.0
+    while feedback.velocity_actual:
+        now += CYCLE / SECOND
+        part = min(1.0, now / seconds)
+        share = 1 - 2 * part**2 if part < 0.5 else 2 * (1 - part) ** 2
+        feedback.velocity_actual = int(TURNING * share)
+        without_reaction(bench, ON & ~0x8, 1)
+    assert numbers(bench) == []
+
+
+@pytest.mark.parametrize("slows", [False, True])
+def test_drive_that_coasts_after_disable_operation_must_become_slower(slows: bool) -> None:
+    """605Ch = 0: the power is off at once."""
+    bench = turning()
+    without_reaction(bench, ON & ~0x8, 2)
+    bench.drive.feedback.statusword = STATUS_OF[State.SWITCHED_ON]
+    for _ in range(60):
+        without_reaction(bench, ON & ~0x8, int(SECOND // CYCLE))
+        if slows:
+            bench.drive.feedback.velocity_actual = int(0.99 * bench.drive.feedback.velocity_actual)
+    assert numbers(bench) == ([] if slows else [FaultNumber.TURNS_OFF])
 
 
 @pytest.mark.parametrize("number", [1, 9, 100])
@@ -271,11 +390,14 @@ def test_drive_that_never_shows_operation_gets_no_setpoint_and_then_quick_stop()
     assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
-def test_disable_operation_that_is_ignored_becomes_a_quick_stop() -> None:
+def test_disable_operation_that_never_ends_operation_becomes_a_quick_stop() -> None:
+    """The shaft becomes slower, and the state does not end."""
     bench = turning(stop_time_ns=SECOND)
-    without_reaction(bench, ON & ~0x8, (REACTION + 2 * SECOND) // CYCLE)
+    for share in range(100, 50, -2):
+        bench.drive.feedback.velocity_actual = TURNING * share // 100
+        without_reaction(bench, ON & ~0x8, (REACTION + 2 * SECOND) // CYCLE // 25)
     assert bench.stepper.command.controlword & 0xF == 0x7, "it may brake on its ramp"
-    without_reaction(bench, ON & ~0x8, 5)
+    without_reaction(bench, ON & ~0x8, 20)
     assert bench.stepper.command.controlword & 0xF == 0x2
     assert numbers(bench) == [FaultNumber.NOT_ENTERED]
     assert without_reaction(bench, ON & ~0x8, REACTION // CYCLE + 5) is Brake.NMT_STOP
@@ -298,9 +420,10 @@ def test_shaft_that_does_not_slow_down_without_power_is_a_warning(state: State, 
 
 def test_each_state_that_must_end_has_its_own_time() -> None:
     """A drive that has left operation is not stopped by NMT for the time that it needed for that."""
-    watch = StopWatch(REACTION, AxisSettings().stop_time_ns)
-    assert not watch.step(Limit.STOP, State.OPERATION_ENABLED, *(True, False, 0, 10, 0))
-    assert not watch.step(Limit.STOP, State.OPERATION_ENABLED, *(True, False, 0, 10, REACTION))
-    assert not watch.step(Limit.OFF, State.QUICK_STOP_ACTIVE, *(True, False, 0, 10, REACTION + 1))
-    assert not watch.step(Limit.OFF, State.QUICK_STOP_ACTIVE, *(True, False, 0, 10, 2 * REACTION))
-    assert watch.step(Limit.OFF, State.QUICK_STOP_ACTIVE, *(True, False, 0, 10, 2 * REACTION + 2))
+    watch = StopWatch(REACTION, AxisSettings().stop_time_ns, ENTER)
+    operating, stopping = State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE
+    assert not watched(watch, Limit.OFF2, operating, 0)
+    assert not watched(watch, Limit.OFF2, operating, REACTION)
+    assert not watched(watch, Limit.OFF2, stopping, REACTION + 1)
+    assert not watched(watch, Limit.OFF2, stopping, 2 * REACTION)
+    assert watched(watch, Limit.OFF2, stopping, 2 * REACTION + 2)
