@@ -14,6 +14,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.world.can_bus import Member
@@ -95,8 +96,11 @@ class Site:
 
 def _is_stop(data: bytes) -> bool:
     """Whether the last object of this RPDO 1 is a Controlword that removes the enable."""
-    word = int.from_bytes(data[-2:], "little")
-    return any(command.matches(word) for command in _STOPS)
+    return any(command.matches(_word(data)) for command in _STOPS)
+
+
+def _word(data: bytes) -> int:
+    return int.from_bytes(data[-2:], "little")
 
 
 def _lose_plc(site: Site) -> int:
@@ -133,6 +137,20 @@ def _ignore_stop(site: Site) -> int:
     return site.first(lambda can_id, data: can_id == NMT and data[0] == NmtCommand.STOP) - begin
 
 
+def _ignore_stop_at_standstill(site: Site) -> int:
+    site.plc.set({"NSOLL_A": 0})
+    site.until(lambda: site.drive.model.ramp.speed == 0)
+    site.loop.run_for(SECOND)
+    return _ignore_stop(site)
+
+
+def _ignore_disable_operation(site: Site) -> int:
+    site.drive.do(lambda node: node.start_fault("deaf"))
+    site.plc.set({"STW1": _ON & ~0x8})
+    begin = site.first(lambda can_id, data: can_id == _CONTROL and Command.SWITCH_ON.matches(_word(data)))
+    return site.stop_frame() - begin
+
+
 class Loss(NamedTuple):
     """A row of the table."""
 
@@ -150,6 +168,8 @@ _LOOK = 20
 _SETTINGS = DriveSettings(_NODE)
 _BEATS = _SETTINGS.heartbeat_factor * _SETTINGS.heartbeat_ms
 _TPDOS = _SETTINGS.tpdo_timeout_factor * _SETTINGS.tpdo_event_ms
+_REACTION = 2 * (_SETTINGS.rpdo_refresh_ms + _SETTINGS.tpdo_event_ms + _CYCLE)
+_JERK = AxisSettings().stop_time_ns / MS / 7
 _TO_STOP = "the loss to the first stop Controlword on CAN"
 LOSSES = (
     Loss(
@@ -176,7 +196,19 @@ LOSSES = (
         "RPDOs of the drive",
         "the first stop Controlword to NMT Stop on CAN",
         _ignore_stop,
-        2 * (_SETTINGS.rpdo_refresh_ms + _SETTINGS.tpdo_event_ms + _CYCLE) + _CYCLE + _FRAME,
+        _REACTION + _CYCLE + _FRAME,
+    ),
+    Loss(
+        "RPDOs of the drive, at standstill",
+        "the first stop Controlword to NMT Stop on CAN",
+        _ignore_stop_at_standstill,
+        AxisSettings().enter_ns / MS + _CYCLE + _FRAME,
+    ),
+    Loss(
+        "RPDOs of the drive, STW1.3 = 0",
+        "Disable Operation to Quick Stop on CAN",
+        _ignore_disable_operation,
+        _REACTION + _JERK + 2 * _CYCLE + _FRAME,
     ),
 )
 
@@ -191,5 +223,5 @@ def rows(trials: int) -> Iterator[tuple[str, ...]]:
     """The lines of the table."""
     for loss in LOSSES:
         times = sorted(measure(loss, seed) / MS for seed in range(trials))
-        values = f"{times[trials // 2]:.1f} ms", f"{times[-1]:.1f} ms", f"{loss.bound_ms:g} ms"
+        values = f"{times[trials // 2]:.1f} ms", f"{times[-1]:.1f} ms", f"{loss.bound_ms:.0f} ms"
         yield (loss.cause, loss.measured, *values)
