@@ -273,6 +273,10 @@ class Transfer(abc.ABC):
         self._end = now + self._limit_ns
         self.due = min(now + self._timeout_ns, self._end)
 
+    def expire(self) -> None:
+        """Its time is over: the next ``check`` aborts it."""
+        self.due = self._end = 0
+
     def take(self, frame: bytes, now: int) -> list[bytes]:
         """Process a frame of the server. Answers to other requests are ignored."""
         if len(frame) != FRAME_SIZE:

@@ -132,12 +132,11 @@ class NodeClient(abc.ABC, Generic[S]):
         self._idle = False
         """The task waits for something to do, and has no access."""
         self._reconfigure = False
-        self._held = ""
-        """Empty, or what is done in a job to what the gateway relies on."""
-        self._distrusted = ""
-        """Empty, or why the configuration of the node is not that of the gateway any more."""
-        self._check_at: int | None = None
-        """When the node is brought up again because its configuration was written to; until then no cyclic data counts."""
+        self.unconfirmed = ""
+        """Why the cyclic side must not use an online node: what the gateway relies on was written, or a job writes it now.
+        Empty: it may."""
+        self._check_at = _NEVER
+        """When the node is brought up again because its configuration was written to."""
         self._bus_failures = 0
         """Failures of the bus before the node came online."""
         self._jobs = Jobs()
@@ -268,10 +267,11 @@ class NodeClient(abc.ABC, Generic[S]):
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def refresh(self, now: int) -> bool:
-        """Cyclic: take the newest TPDO data into the feedback; True when online and no TPDO is overdue."""
-        fresh = self.status is _ONLINE and not self._held and self._check_at is None and not self._distrusted
-        if now > self._acyclic_until:
-            fresh = False
+        """Cyclic: take the newest TPDO data into the feedback; True while the node is trusted and no TPDO is overdue.
+
+        A loss changes ``status`` at once (``_lose``), although the task may wait for an answer.
+        """
+        fresh = self.status is _ONLINE and not self.unconfirmed
         oldest = now - self._timeout_ns
         for slot in self._slots:
             data = slot.data
@@ -287,28 +287,25 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def hold(self, text: str) -> None:
         """In a job: what the gateway relies on is about to change; ``text`` says how. To the cyclic side the node is not online
-        until ``unhold``.
+        until ``unhold``. A node that is silent meanwhile, as while it stores parameters, is not lost.
         """
-        self._held = text
+        self.unconfirmed = text
 
     def unhold(self, *, check: bool) -> None:
         """In a job: the end of ``hold``. ``check``: the node is brought up again first, when no more was written for a moment."""
-        self._held = ""
+        now = self.loop.now()
         if check:
-            self._check_at = self.loop.now() + _CHECK_AFTER_NS
-
-    @property
-    def unconfirmed(self) -> str:
-        """Why the cyclic side must not use an online node: what the gateway relies on was written. Empty: it may."""
-        return self._held or self._distrusted or ("" if self._check_at is None else _CHECKED)
+            self.unconfirmed = _CHECKED
+            self._check_at = now + _CHECK_AFTER_NS
+        else:
+            self.unconfirmed = ""
+            self._watch(now)
 
     def distrust(self, text: str) -> None:
-        """Another master has changed what the gateway relies on: the node is lost, and configured again.
-
-        To the cyclic side it is not online from now on: the task may wait for an answer.
-        """
-        self._distrusted = text
-        self._wake.set()
+        """Another master has changed what the gateway relies on: the node is lost, and configured again."""
+        self.unconfirmed = text
+        if self.status is _ONLINE:
+            self._lose(text)
 
     def _apply_times(self) -> None:
         settings = self.settings
@@ -403,7 +400,8 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._interrupted:
             return
         self.generation += 1
-        self._acyclic_until = self.loop.now() + self._acyclic_limit_ns if self._acyclic_tpdos else _NEVER
+        self._acyclic_due = self.loop.now() if self._acyclic_tpdos else _NEVER
+        self._acyclic_until = self._acyclic_due + self._acyclic_limit_ns
         self._sending = True
         self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
 
@@ -411,9 +409,9 @@ class NodeClient(abc.ABC, Generic[S]):
         """Find the node, make it safe, configure and start it."""
         self._booted.clear()
         self._reconfigure = False
-        self._check_at = None
-        self._distrusted = ""
-        self.sdo.second_answers.begin()
+        self._check_at = _NEVER
+        self.unconfirmed = ""
+        self.sdo.resume()
         # A stopped node answers no SDO before this command; a running one may stop by its abort option. Until it has
         # answered, its state is unknown: a node that was in operation still gets its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -592,6 +590,8 @@ class NodeClient(abc.ABC, Generic[S]):
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
         self._bus_failures = self.network.failures
+        if self.unconfirmed:  # another master wrote during the bring-up
+            self._lose(self.unconfirmed)
         self.network.watch(self._monitor)
         try:
             self._work()
@@ -600,16 +600,27 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _monitor(self, now: int) -> None:
         """Every 20 ms, outside the task, which costs more: it is woken when there is something for it."""
-        if self._has_work(now):
+        self._watch(now)
+        if self.status is not _ONLINE or self._has_work(now):
             self._wake.set()
         elif self._idle:
             self._send_question(now)
 
+    def _watch(self, now: int) -> None:
+        """Lose a node that must not be trusted any more. One that a job holds is not used anyway."""
+        if self.status is _ONLINE and not self.unconfirmed and (lost := self._lost(now)):
+            self._lose(lost)
+
+    def _lose(self, text: str) -> None:
+        """The cyclic side uses the node no longer. Its task, whose access ends, only has to repair."""
+        self.network.drop_waiting()
+        self._set_status(NodeStatus.LOST, text)
+        self.sdo.interrupt()
+        self._wake.set()
+
     def _has_work(self, now: int) -> bool:
         """Whether the time has come for something of the task."""
-        if self._check_at is not None or (self._acyclic_tpdos and now >= self._acyclic_due):
-            return True
-        return self._lost(now) != ""
+        return now >= self._check_at or now >= self._acyclic_due
 
     def _send_question(self, now: int) -> None:
         """Begin to read an object without the task, which has no access now."""
@@ -629,25 +640,21 @@ class NodeClient(abc.ABC, Generic[S]):
             if self._reconfigure:
                 self._set_status(NodeStatus.CONFIGURING, "telegram changed")
                 return
-            if self._check_at is not None and now >= self._check_at and not self._jobs:
-                self._set_status(NodeStatus.CONFIGURING, _CHECKED)
-                return
-            lost = self._lost(now)
-            if lost:
-                self.network.drop_waiting()
-                self._set_status(NodeStatus.LOST, lost)
+            if self.status is not _ONLINE:
                 self._give_up()
+                return
+            if now >= self._check_at and not self._jobs:
+                self._set_status(NodeStatus.CONFIGURING, _CHECKED)
                 return
             try:
                 self._exchange_acyclic(now)
                 failure = ""
             except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
-                if failure != (failure := str(error)):  # log it once until it changes
+                if self.status is _ONLINE and failure != (failure := str(error)):  # log it once until it changes
                     self._notify("status", f"object without PDO: {failure}")
 
     def _lost(self, now: int) -> str:
-        if self._distrusted:
-            return self._distrusted
+        """Why an online node is lost; empty if it is not."""
         if self._booted.is_set():
             return f"node {self.settings.node_id} restarted"
         if doubled := self._doubled:
@@ -689,7 +696,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the node has no PDO, read every 100 ms."""
-        if self._acyclic_tpdos and now >= self._acyclic_due:
+        if now >= self._acyclic_due:
             self._acyclic_due = now + _ACYCLIC_PDO_NS
             self._acyclic_failures += 1
             for pdo in self._acyclic_tpdos:
@@ -715,6 +722,7 @@ class NodeClient(abc.ABC, Generic[S]):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
                 self.on_event(NodeEvent("boot", "boot-up message", time_ns=now))
+        self._watch(now)
 
     def _on_other_request(self, data: bytes, _now: int) -> None:
         self.sdo.second_answers.requested(data)

@@ -73,6 +73,8 @@ class SdoAccess:
         """Requests that were sent again and not answered: their answers may still arrive,"""
         self._open_until = 0
         """until this time. The next access waits for them, or for the answer to a question."""
+        self._interrupted = False
+        """The node is lost: what it answers does not count."""
         self._unconfirmed: dict[tuple[int, int], bytes] = {}
         """Data of writes that timed out, by their object: the confirmation may still arrive."""
 
@@ -83,6 +85,19 @@ class SdoAccess:
     def close(self) -> None:
         """The end of ``open``."""
         self._network.unsubscribe(SDO_RESPONSE + self._node_id, self._receive)
+
+    def interrupt(self) -> None:
+        """The node is lost: its task does not wait for an answer any more. Accesses fail until ``resume``."""
+        self._interrupted = True
+        if self._transfer is not None:
+            self._transfer.expire()
+        self._ended.set()
+
+    def resume(self) -> None:
+        """Forget everything: another device may be connected."""
+        self._interrupted = False
+        self._open = self._open_until = 0
+        self.second_answers.begin()
 
     def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
         """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
@@ -197,9 +212,11 @@ class SdoAccess:
         """
         if self.second_answers.found:
             raise self.two_devices("SDO requests are answered twice")
-        while (left := self._open_until - self.loop.now()) > 0:
+        while not self._interrupted and (left := self._open_until - self.loop.now()) > 0:
             self._ended.clear()
             self._ended.wait(left)
+        if self._interrupted:
+            raise SdoCommunicationError(f"node {self._node_id} is lost")
         self._open = 0
         self.accesses += 1
 

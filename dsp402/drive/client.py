@@ -427,8 +427,7 @@ class DriveClient(NodeClient[DriveSettings]):
         return super()._has_work(now)
 
     def _may_check_tpdos(self, now: int) -> bool:
-        """Not while the unit check waits for an answer: a loss of the drive would be reported late."""
-        return self._tpdos.is_due(now) and self.units.watch.asked is None and self._operates
+        return self._tpdos.is_due(now) and self._operates
 
     def _send_question(self, now: int) -> None:
         """Of the unit check."""

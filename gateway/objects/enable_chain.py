@@ -148,7 +148,7 @@ class _Chain:
             case NodeStatus.CONFIGURING:
                 progress = client.progress and f": {client.progress}"
                 self.breaks(Reason.NODE_CONFIGURING, f"{node} is being configured{progress}")
-            case NodeStatus.ONLINE if client.unconfirmed:
+            case NodeStatus.ONLINE | NodeStatus.LOST if client.unconfirmed:
                 self.breaks(Reason.NODE_WRITTEN, f"{node} is being checked: {client.unconfirmed}")
             case NodeStatus.ONLINE:
                 self.breaks(offline, f"{node} on bus {network.name} sends no data in time")

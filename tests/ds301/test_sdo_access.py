@@ -172,6 +172,34 @@ def test_answer_after_the_end_of_a_read_is_late_and_one_to_another_client_is_not
     assert desk.client.answers_late
 
 
+def test_interrupted_access_ends_at_once_and_none_follows_until_it_is_resumed(desk: Site) -> None:
+    begin = site.now()
+    desk.network.loop.call_later(10 * MS, desk.client.interrupt)
+    with pytest.raises(SdoCommunicationError, match="No SDO response received"):
+        desk.read()
+    with pytest.raises(SdoCommunicationError, match="node 4 is lost"):
+        desk.read()
+    assert site.now() - begin < TIMEOUT_NS
+    assert [request[:1] for request in desk.requests] == [READ, ABORTED], "aborted in the node too"
+    desk.client.resume()
+    desk.script = lambda _: [VALUE + ADDRESS + bytes(4)]
+    assert desk.read() == bytes(4)
+
+
+@pytest.mark.parametrize("answers", [1, 30])
+def test_interrupted_upload_of_a_long_object_ends_at_once(desk: Site, answers: int) -> None:
+    """The answers stop, or continue without end."""
+    left = iter(range(answers))
+    desk.script = lambda request: segments(request) if next(left, None) is not None else []
+    desk.network.loop.call_later(10 * MS, desk.client.interrupt)
+    begin = site.now()
+    with pytest.raises(SdoCommunicationError):
+        desk.read()
+    assert site.now() - begin < TIMEOUT_NS
+    site.pass_time(MS)
+    assert desk.requests[-1][:1] == ABORTED
+
+
 def test_node_that_answers_each_request_twice_is_two_devices(desk: Site) -> None:
     desk.script = lambda _: 2 * [VALUE + ADDRESS + bytes(4)]
 
