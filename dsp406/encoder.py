@@ -133,8 +133,9 @@ class EncoderClient(NodeClient[EncoderSettings]):
             for name, index, subindex in PARAMETER_OBJECTS
             if _has(self.sdo.dictionary, index, subindex)
         }
-        self.parameters = EncoderParameters(**values)
-        return self.parameters
+        self.parameters = parameters = EncoderParameters(**values)
+        self._position = ("position", 0 if parameters.position_step else parameters.units_per_turn)
+        return parameters
 
     @staticmethod
     def _layout(dictionary: canopen.ObjectDictionary, settings: EncoderSettings) -> PdoLayout:

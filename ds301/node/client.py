@@ -36,8 +36,8 @@ from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
-from pdgw.ds301.node.doubles import FrameRate
-from pdgw.ds301.node.heartbeat import Heartbeat
+from pdgw.ds301.node.doubles import Jumps, SecondTpdos
+from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
@@ -120,7 +120,9 @@ class NodeClient(abc.ABC, Generic[S]):
         """Afterwards their values are too old."""
         self._sending = False
         """The node is in operation and takes RPDOs."""
-        self.heartbeat = Heartbeat(network, settings.node_id)
+        self.heartbeat = Heartbeat(network, settings.node_id, self.sdo.doubles)
+        self._position = ("", 0)
+        """Attribute of the images with the position, and position units of one revolution; 0: unknown."""
         self._moved_emcy = 0
         """COB-ID of its EMCY if 1014h has another one than usual, else 0."""
         self._expected_accesses = 0
@@ -148,6 +150,13 @@ class NodeClient(abc.ABC, Generic[S]):
         add = self.loop.counters.add
         add(part, "length_errors", "frames", "TPDOs shorter than their mapping, ignored", lambda: self.length_errors)
         add(part, "generation", "times", "configured and started", lambda: self.generation)
+        add(
+            part,
+            "early",
+            "frames",
+            "heartbeats before their time and second TPDOs for one SYNC: two devices with one node-ID?",
+            lambda: self.sdo.doubles.early,
+        )
         add(part, "sdo_aborts", "answers", "nodes that reject an access by SDO", lambda: self.sdo.aborts)
         self._apply_times()
 
@@ -215,6 +224,7 @@ class NodeClient(abc.ABC, Generic[S]):
         node_id = self.settings.node_id
         network = self.network
         self.sdo.open()
+        network.subscribe(NMT, self.heartbeat.commanded)
         network.subscribe(EMCY + node_id, self._on_emcy)
         network.subscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
         network.subscribe(SDO_REQUEST + node_id, self._on_other_request)
@@ -248,6 +258,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._task is not None:
             self._task = None
             self.sdo.close()
+            network.unsubscribe(NMT, self.heartbeat.commanded)
             network.unsubscribe(EMCY + node_id, self._on_emcy)
             network.unsubscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
             network.unsubscribe(SDO_REQUEST + node_id, self._on_other_request)
@@ -330,6 +341,9 @@ class NodeClient(abc.ABC, Generic[S]):
         while True:
             try:
                 self._bring_up()
+                # If the layout has changed or the node has restarted meanwhile, the bring-up is repeated.
+                if self.status is NodeStatus.ONLINE:
+                    self._supervise()
             except SdoCommunicationError as error:
                 self._absent(f"no answer from node {self.settings.node_id} ({error})")
             except SdoAbortedError as error:
@@ -338,10 +352,6 @@ class NodeClient(abc.ABC, Generic[S]):
                 self._refuse(str(error))
             except (struct.error, ValueError) as error:  # of another length than expected
                 self._refuse(f"node {self.settings.node_id} sent an SDO answer that cannot be decoded ({error})")
-            else:
-                # The layout has changed or the node has restarted during the bring-up: repeat it.
-                if self.status is NodeStatus.ONLINE:
-                    self._supervise()
 
     def _not_online(self) -> CanopenError:
         return self.kind.error_type(
@@ -381,6 +391,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._booted.clear()
 
     def _nmt(self, command: NmtCommand) -> None:
+        self.heartbeat.commanded()
         self.network.send(NMT, bytes((command, self.settings.node_id)))
 
     def _bring_up(self) -> None:
@@ -449,13 +460,13 @@ class NodeClient(abc.ABC, Generic[S]):
             network.subscribe(cob_id, self._on_emcy)
 
     def _receiver(self, slot: TpdoSlot) -> PdoCallback:
-        """What takes the frames of a TPDO. Only one on SYNC has a rate: the others are also sent on change."""
-        rate = slot.rate
-        if rate is None:
+        """What takes the frames of a TPDO. Only one on SYNC has a second one: the others are also sent on change."""
+        second = slot.second
+        if second is None:
             return slot.receive
 
         def receive(data: bytes, now: int) -> None:
-            rate.see(self.network.syncs)
+            second.see(self.network.syncs)
             slot.receive(data, now)
 
         return receive
@@ -511,7 +522,7 @@ class NodeClient(abc.ABC, Generic[S]):
             for item in plan.tpdos
         ]
         for slot, item in zip(self._slots, plan.tpdos, strict=True):
-            slot.rate = FrameRate(1) if item.pace is Pace.SYNC else None
+            slot.second = SecondTpdos(self.sdo.doubles, str(slot.pdo)) if item.pace is Pace.SYNC else None
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
         self._acyclic_tpdos = list(plan.read)
@@ -570,20 +581,22 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _await_heartbeat(self) -> None:
         """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
-        limit = max(_FIRST_SIGN_NS, self._heartbeat_limit_ms * MS)
+        heartbeat, longest = self.heartbeat, self._heartbeat_limit_ms * MS
+        limit = max(_FIRST_SIGN_NS, longest)
         deadline = self.loop.now() + limit
-        while self.heartbeat.expected and self.heartbeat.state != NmtState.OPERATIONAL:
+        while heartbeat.expected and (heartbeat.state != NmtState.OPERATIONAL or heartbeat.gap > longest):
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
-                if self.heartbeat.by_requests:
+                if heartbeat.by_requests:
                     missing, todo = "answer to node guarding", "check that the CAN adapter sends remote frames"
                 else:
-                    missing, todo = "heartbeat", "check the firmware of the device: it accepted 1017h"
+                    missing, todo = "heartbeat", "set heartbeat_ms, or check the firmware: it accepted 1017h"
+                is_slow = heartbeat.state == NmtState.OPERATIONAL
                 raise self._not_started() or self.kind.error_type(
                     f"{missing} of node {self.settings.node_id}",
-                    "none",
-                    f"one within {limit / SECOND:g} s of NMT start; {todo}",
+                    f"one every {heartbeat.gap / SECOND:.2g} s" if is_slow else "none",
+                    f"one every {self.settings.heartbeat_ms} ms, the first within {limit / SECOND:g} s of NMT start; {todo}",
                 )
             self.loop.sleep(_RECHECK_NS)
 
@@ -600,11 +613,20 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _monitor(self, now: int) -> None:
         """Every 20 ms, outside the task, which costs more: it is woken when there is something for it."""
+        if self.sdo.doubles.begins(now):
+            self._compare_positions()
         self._watch(now)
         if self.status is not _ONLINE or self._has_work(now):
             self._wake.set()
         elif self._idle:
             self._send_question(now)
+
+    def _compare_positions(self) -> None:
+        """Those of two devices contradict each other."""
+        attribute, turn = self._position
+        for slot in self._slots:
+            if turn and attribute in slot.pdo.attributes:
+                slot.jumps = Jumps(self.sdo.doubles, slot.pdo, attribute, turn)
 
     def _watch(self, now: int) -> None:
         """Lose a node that must not be trusted any more. One that a job holds is not used anyway."""
@@ -622,8 +644,14 @@ class NodeClient(abc.ABC, Generic[S]):
         """Whether the time has come for something of the task."""
         return now >= self._check_at or now >= self._acyclic_due
 
-    def _send_question(self, now: int) -> None:
-        """Begin to read an object without the task, which has no access now."""
+    def _send_question(self, now: int) -> bool:
+        """Begin to read an object without the task, which has no access now. False if there is nothing to ask."""
+        sdo = self.sdo
+        if not sdo.doubles.questions or sdo.awaits_answer:
+            return False
+        sdo.doubles.questions -= 1
+        sdo.ask(DEVICE_TYPE, 0, lambda _: None)
+        return True
 
     def _work(self) -> None:
         failure = ""
@@ -642,6 +670,8 @@ class NodeClient(abc.ABC, Generic[S]):
                 return
             if self.status is not _ONLINE:
                 self._give_up()
+                if self.sdo.doubles.proof:
+                    raise self.sdo.two_devices()
                 return
             if now >= self._check_at and not self._jobs:
                 self._set_status(NodeStatus.CONFIGURING, _CHECKED)
@@ -657,8 +687,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """Why an online node is lost; empty if it is not."""
         if self._booted.is_set():
             return f"node {self.settings.node_id} restarted"
-        if doubled := self._doubled:
-            return str(self.sdo.two_devices(doubled))
+        if self.sdo.doubles.proof:
+            return str(self.sdo.two_devices())
         if lost := self.heartbeat.lost(now, self._heartbeat_limit_ms, self._slots):
             return lost
         overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
@@ -674,17 +704,6 @@ class NodeClient(abc.ABC, Generic[S]):
     def bus_failed(self) -> bool:
         """The bus failed while the node was online, even if it has recovered since: what was sent meanwhile may be lost."""
         return self.network.failures != self._bus_failures or not self.network.healthy
-
-    @property
-    def _doubled(self) -> str:
-        """Empty, or the sign of a second device with the same node-ID."""
-        if self.sdo.second_answers.found:
-            return "SDO requests are answered twice"
-        rate = self.heartbeat.rate
-        if rate is not None and rate.found:
-            return f"heartbeats come more often than every {self.settings.heartbeat_ms} ms"
-        often = [str(slot.pdo) for slot in self._slots if slot.rate is not None and slot.rate.found]
-        return f"{', '.join(often)} more often than SYNC" if often else ""
 
     def _give_up(self) -> None:
         """The owner stops the device meanwhile; a node that does not answer is stopped by NMT."""
@@ -722,10 +741,13 @@ class NodeClient(abc.ABC, Generic[S]):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
                 self.on_event(NodeEvent("boot", "boot-up message", time_ns=now))
+        if self.heartbeat.in_row == OFTEN:
+            period = f"{self.heartbeat.gap // MS} ms, 1017h is {self.settings.heartbeat_ms}"
+            self._notify("status", f"heartbeat comes every {period}")
         self._watch(now)
 
     def _on_other_request(self, data: bytes, _now: int) -> None:
-        self.sdo.second_answers.requested(data)
+        self.sdo.doubles.requested(data)
 
     def _on_emcy(self, data: bytes, now: int) -> None:
         if len(data) < SHORTEST_EMCY:

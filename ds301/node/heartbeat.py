@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
+from typing import Final
 
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import ERROR_CONTROL, GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtState
-from pdgw.ds301.node.doubles import FrameRate
+from pdgw.ds301.node.doubles import Doubles
 from pdgw.ds301.node.node import TpdoSlot
 from pdgw.durations import MS
+
+_STATES: Final = 4
+"""A, B, A, B: the states of two devices."""
+OFTEN: Final = 10
+"""Number of early heartbeats in a row that are a shorter period, not a burst."""
 
 
 class Heartbeat:
     """What a node reports under its error control COB-ID."""
 
-    def __init__(self, network: CanNetwork, node_id: int) -> None:
+    def __init__(self, network: CanNetwork, node_id: int, doubles: Doubles) -> None:
         self._network = network
         self._node_id = node_id
+        self._doubles = doubles
         self.time = 0
         """Arrival of the last report, monotonic nanoseconds; 0: none."""
+        self.gap = 0
+        """Time between the last two reports, in nanoseconds; 0 if the first one was a boot-up message."""
+        self._last = 0
+        """As ``time``; 0 after a boot-up message."""
         self.state = NmtState.BOOT_UP.value
         """The NMT state in it."""
         self.stopped = False
@@ -28,8 +40,12 @@ class Heartbeat:
         self.by_requests = False
         """It answers remote requests with a toggle bit (node guarding)."""
         self._toggle = -1
-        self.rate: FrameRate | None = None
-        """Of a heartbeat that the node sends by itself."""
+        self._shortest = 0
+        """A report after less than this time is early, in nanoseconds; 0: none is."""
+        self.in_row = 0
+        """Number of the last reports that were early; from ``OFTEN`` on, of all reports."""
+        self._states: deque[int] = deque(maxlen=_STATES)
+        """The last different states without an NMT command or a boot-up message between them."""
 
     def request(self) -> None:
         """Ask a node that uses node guarding for its state."""
@@ -41,7 +57,12 @@ class Heartbeat:
         self.state = NmtState.BOOT_UP.value
         self.stopped = False
         self._toggle = -1
-        self.rate = FrameRate(period_ms * MS) if self.expected and not self.by_requests else None
+        self.in_row = 0
+        self._shortest = period_ms * MS * 6 // 10 if self.expected and not self.by_requests else 0
+
+    def commanded(self, _data: bytes = b"", _now: int = 0) -> None:
+        """An NMT command was sent: the node may show another state."""
+        self._states.clear()
 
     def receive(self, data: bytes, now: int) -> bool:
         """A report has arrived; True for a boot-up message."""
@@ -53,11 +74,20 @@ class Heartbeat:
             self._toggle = -1 if boots else toggle
             if toggle == before:
                 return False  # a repeated answer is not a new one
-        self.time = now
-        if self.rate is not None:
-            self.rate.see(now)
-        self.state = data[0] & HEARTBEAT_STATE
-        self.stopped = self.state == NmtState.STOPPED
+        self.gap = now - self._last if self._last else 0
+        early = 0 < self.gap < self._shortest
+        self.in_row = self.in_row + 1 if early or self.in_row >= OFTEN else 0
+        self._doubles.early += early
+        self.time, self._last = now, 0 if boots else now
+        self.state = state = data[0] & HEARTBEAT_STATE
+        self.stopped = state == NmtState.STOPPED
+        states = self._states
+        if boots:
+            states.clear()
+        elif not states or state != states[-1]:
+            states.append(state)
+            if len(states) == _STATES and states[0] == states[2] and states[1] == states[3]:
+                self._doubles.proof = "heartbeats show two NMT states"
         return boots
 
     def lost(self, now: int, limit_ms: int, tpdos: Iterable[TpdoSlot]) -> str:

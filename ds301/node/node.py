@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pdgw.ds301.node.doubles import FrameRate
+from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.pdo import Pdo
 
 GATEWAY_NODE_ID: Final = 127
@@ -84,8 +84,10 @@ class TpdoSlot:
         """Bits that differed between two frames, little-endian."""
         self.taken: bytes | None = None
         self.time = 0
-        self.rate: FrameRate | None = None
+        self.second: SecondTpdos | None = None
         """Of a TPDO that one device sends once for each SYNC."""
+        self.jumps: Jumps | None = None
+        """Of its position, while it is examined whether two devices send it."""
         self.errors = 0
         self.short: int | None = None
         """Bytes of the last frame that was shorter than the mapping."""
@@ -99,4 +101,6 @@ class TpdoSlot:
         before, self.data = self.data, data
         if before is not None and data != before:
             self.changed |= int.from_bytes(data, "little") ^ int.from_bytes(before, "little")
+            if self.jumps is not None:
+                self.jumps.see(data, now)
         self.time = now

@@ -15,7 +15,7 @@ from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, S
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.loop.loop import Event
-from pdgw.ds301.node.doubles import SecondAnswers
+from pdgw.ds301.node.doubles import Doubles
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.sdo_transfer import ABORT, EXPEDITED_SIZE, Download, Transfer, Upload, address_in
 from pdgw.durations import MS, SECOND
@@ -49,7 +49,8 @@ class SdoAccess:
         self.dictionary = dictionary
         self._network = network
         self._node_id = node_id
-        self.second_answers = SecondAnswers()
+        self.doubles = Doubles()
+        """Whether two devices have its node-ID."""
         self._timeout = _TIMEOUT_NS
         """For each answer, in nanoseconds."""
         self._repeats = _REPEATS
@@ -97,7 +98,7 @@ class SdoAccess:
         """Forget everything: another device may be connected."""
         self._interrupted = False
         self._open = self._open_until = 0
-        self.second_answers.begin()
+        self.doubles.begin()
 
     def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
         """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
@@ -129,8 +130,9 @@ class SdoAccess:
 
     def _expect_answer(self) -> None:
         """A request was sent that may be answered when another one is sent."""
-        self._open += 1
-        self._open_until = self.loop.now() + self._timeout
+        now = self.loop.now()
+        self._open = self._open + 1 if now < self._open_until else 1
+        self._open_until = now + self._timeout
 
     def _read(self, index: int, subindex: int) -> bytes:
         self._begin_access()
@@ -210,8 +212,8 @@ class SdoAccess:
 
         No access continues if two devices answer: their answers would be mixed.
         """
-        if self.second_answers.found:
-            raise self.two_devices("SDO requests are answered twice")
+        if self.doubles.proof:
+            raise self.two_devices()
         while not self._interrupted and (left := self._open_until - self.loop.now()) > 0:
             self._ended.clear()
             self._ended.wait(left)
@@ -252,7 +254,7 @@ class SdoAccess:
     def _send(self, frames: list[bytes], *, first: bool = False) -> None:
         send = self._network.send_first if first else self._network.send_acyclic
         for frame in frames:
-            self.second_answers.requested(frame)
+            self.doubles.requested(frame)
             send(SDO_REQUEST + self._node_id, frame)
 
     def _receive(self, frame: bytes, now: int) -> None:
@@ -260,7 +262,7 @@ class SdoAccess:
         transfer = self._transfer
         if frame and frame[0] == ABORT:
             self.aborts += 1
-        self.second_answers.answered(frame)
+        self.doubles.answered(frame)
         if transfer is None:
             return
         if transfer.ended:
@@ -289,6 +291,11 @@ class SdoAccess:
         self._then = lambda: then(upload)
 
     @property
+    def awaits_answer(self) -> bool:
+        """An answer to a question may still arrive."""
+        return self.loop.now() < self._open_until
+
+    @property
     def asked(self) -> int:
         """Index of the object of the access that was begun last."""
         return self._transfer.index if self._transfer is not None else 0
@@ -310,11 +317,11 @@ class SdoAccess:
         except SdoAbortedError as error:
             raise self._unreadable(index, subindex, error) from error
 
-    def two_devices(self, sign: str) -> CanopenError:
-        """The package's error for a node-ID that two devices have; ``sign``: what shows it."""
+    def two_devices(self) -> CanopenError:
+        """The package's error for a node-ID that two devices have."""
         return self.error_type(
             f"node-ID {self._node_id}",
-            f"two devices? {sign}",
+            f"two devices? {self.doubles.proof}",
             f"one device with node-ID {self._node_id} on the bus: disconnect the other one, or set another node-ID there",
         )
 

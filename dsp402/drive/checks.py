@@ -229,15 +229,16 @@ class UnitCheck:
         """When the newest position came, monotonic nanoseconds; 0 never."""
         return self.watch.read_ns if self._position is None else self._position.time
 
-    def check(self, now: int, *, operates: bool, moves: bool) -> None:
-        """Send the next request when it is due, while the task has no access. See ``UnitWatch.is_due``."""
+    def check(self, now: int, *, operates: bool, moves: bool) -> bool:
+        """Send the next request when it is due, while the task has no access; True if it is. See ``UnitWatch.is_due``."""
         watch = self.watch
         if not watch.is_due(now, operates=operates, moves=moves):
-            return
+            return False
         if self._position is not None:
             watch.position_missing = True
         if (following := watch.next_object(now)) is not None:
             self._sdo.ask(*following, self._answered)
+        return True
 
     def _answered(self, upload: Upload) -> None:
         watch, address = self.watch, (upload.index, upload.subindex)

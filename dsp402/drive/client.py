@@ -298,6 +298,7 @@ class DriveClient(NodeClient[DriveSettings]):
         )
         self._tpdos.begin(self._slots)
         self.units.begin(self._slots)
+        self._position = ("position_actual", int(drive.scaling.counts_per_revolution or 0))
         if period_us:
             self.sdo.do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period_us, "SYNC period", optional=True))
         self._configure_guarding(drive)
@@ -429,9 +430,8 @@ class DriveClient(NodeClient[DriveSettings]):
     def _may_check_tpdos(self, now: int) -> bool:
         return self._tpdos.is_due(now) and self._operates
 
-    def _send_question(self, now: int) -> None:
-        """Of the unit check."""
-        self.units.check(now, operates=self._operates, moves=self._moves)
+    def _send_question(self, now: int) -> bool:
+        return super()._send_question(now) or self.units.check(now, operates=self._operates, moves=self._moves)
 
     def _lost(self, now: int) -> str:
         return super()._lost(now) or self._mode.wrong or self._tpdos.dropped

@@ -172,6 +172,19 @@ def test_answer_after_the_end_of_a_read_is_late_and_one_to_another_client_is_not
     assert desk.client.answers_late
 
 
+def test_question_without_an_answer_does_not_delay_what_follows_the_next_one(desk: Site) -> None:
+    def ask(_: Inquiry) -> None:
+        desk.client.ask(INDEX, 0, lambda _: None)
+
+    desk.run(ask)
+    assert desk.client.awaits_answer
+    site.pass_time(2 * TIMEOUT_NS)
+    desk.script = lambda _: [VALUE + ADDRESS + bytes(4)]
+    desk.run(ask)
+    site.pass_time(10 * MS)
+    assert not desk.client.awaits_answer
+
+
 def test_interrupted_access_ends_at_once_and_none_follows_until_it_is_resumed(desk: Site) -> None:
     begin = site.now()
     desk.network.loop.call_later(10 * MS, desk.client.interrupt)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand, NmtState
+from pdgw.ds301.communication import NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Access, CanType, Entry
@@ -113,25 +113,6 @@ def test_a_second_drive_that_is_connected_stops_the_axis_until_it_is_removed() -
         plc.until(lambda: client.generation == 2, "online again")
         _run(plc, 2)
         assert first.model.ramp.speed == 0, "the PLC has not given OFF and ON"
-
-
-def test_a_second_heartbeat_ends_the_operation() -> None:
-    """Of a device that answers no SDO."""
-    with running(configuration(axis(1))) as daemon:
-        client, world = daemon.axes[0].drive, world_of(daemon)
-        until(daemon, lambda: client.generation, "online")
-        member = world.bus("world").join("another device")
-        begin = world.loop.now()
-
-        def beat() -> None:
-            member.send(ERROR_CONTROL + 1, bytes((NmtState.OPERATIONAL,)))
-            world.loop.call_later(client.settings.heartbeat_ms * MS, beat)
-
-        world.loop.call_later(30 * MS, beat)
-        texts: list[str] = []
-        until(daemon, lambda: texts.append(client.status_text) or "heartbeats come more often" in texts[-1], "found")  # type: ignore[func-returns-value]
-        assert world.loop.now() - begin < 10 * client.settings.heartbeat_ms * MS
-        assert "'two devices? heartbeats come more often than every 100 ms'" in texts[-1]
 
 
 def test_a_second_tpdo_for_each_sync_ends_the_operation() -> None:

@@ -47,9 +47,9 @@ def _wrong_mode(daemon: Daemon) -> None:
 def _doubles(daemon: Daemon) -> None:
     client = daemon.axes[0].drive
     for _ in range(3):
-        client.sdo.second_answers.requested(b"\x40\x00\x10\0")
+        client.sdo.doubles.requested(b"\x40\x00\x10\0")
         for _ in range(2):
-            client.sdo.second_answers.answered(b"\x43\x00\x10\0" + bytes(4))
+            client.sdo.doubles.answered(b"\x43\x00\x10\0" + bytes(4))
 
 
 def _unanswered(daemon: Daemon, plc: Plc) -> Future[bytes]:
