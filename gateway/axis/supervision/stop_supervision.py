@@ -203,9 +203,10 @@ class StopWatch:
             self._left()
             return False
         leave = COLUMNS[limit].leave
-        if self._ignored_since < 0 or state is not self._ignored or leave > self._leave:
+        if self._ignored_since < 0 or state is not self._ignored or (leave > self._leave and self.waits):
             self._ignored, self._ignored_since, self._leave = state, now, leave
             self._still_since = -1
+        self._leave = max(leave, self._leave)
         ignored, allowed = now - self._ignored_since, self._reaction
         if self._leave is Leave.RAMP:
             allowed = self._stopped_within

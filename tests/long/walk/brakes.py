@@ -34,6 +34,8 @@ class BrakeMemory(NamedTuple):
     """Quick Stop or Disable Voltage was commanded, not only Disable Operation: then the drive has its time again."""
     off2: bool = False
     """OFF2 was commanded: a drive at standstill has no more time than one that turns."""
+    since: int = 0
+    """Steps since it ignored the first command, also without it, or with another command."""
     ignores: int = 0
     """Steps in which the drive reported a state that the command ends: operation, and with Disable Voltage the quick stop."""
     state: State | None = None
@@ -71,7 +73,11 @@ class BrakeMonitor:
         ramp = cw & ENABLE == ENABLE and (before.ramp or plc.word & ENABLE != ENABLE)
         stop = cw & _STOPS != _STOPS
         ignores, ignored = _ignored(before, shown, state, cw, max(_LEAVE, self._still + 2))
-        off2 = ignores > 0 and (before.off2 or plc.word & _STOPS in (0x0, 0x4))
+        off2 = ignores > 0 and (before.off2 or (plc.setpoints is not None and plc.word & _STOPS in (0x0, 0x4)))
+        ends = ignores == 0 and (shown.ok or before.since == 0)
+        since = 0 if ends else min(before.since + 1, self._still + 2)
+        if off2 and not before.off2 and ignores > _REACTION:
+            ignores = 1  # a drive that waited for its brake has the time of OFF2
         turns = before.turns
         if shown.ok:
             with_power = ramp or cw & _STOPS == _QUICK_STOP
@@ -84,14 +90,14 @@ class BrakeMonitor:
         seen = Seen(
             brake=brake,
             braked=before.brake,
-            overdue=ignores >= patience or turns == _REACTION,
-            continues=ignores > (self._still if closes else 0) or turns > 0,
+            overdue=(shown.ok and ignores >= patience) or turns == _REACTION,
+            continues=(ignores > 0 and since > (self._still if closes else 0)) or turns > 0,
             unstopped=tried or (waits == _NMT_REACTION and not obeyed),
             off=off or there_again,
         )
         still = brake is Brake.NMT_STOP
         waits = waits if still else 0
-        memory = BrakeMemory(brake, ramp, stop, off2, ignores, ignored, turns, waits, obeyed and still, tried)
+        memory = BrakeMemory(brake, ramp, stop, off2, since, ignores, ignored, turns, waits, obeyed and still, tried)
         return memory, broken(seen)
 
 
