@@ -30,6 +30,8 @@ VELOCITY_WINDOW: Final = 0x606D
 VELOCITY_THRESHOLD: Final = 0x606F
 TARGET_TORQUE: Final = 0x6071
 MAX_CURRENT: Final = 0x6073
+RATED_CURRENT: Final = 0x6075
+RATED_TORQUE: Final = 0x6076
 TARGET_POSITION: Final = 0x607A
 POSITION_RANGE_LIMIT: Final = 0x607B
 HOME_OFFSET: Final = 0x607C
@@ -121,7 +123,7 @@ DRIVE_OBJECTS = Catalogue(
         var(TARGET_TORQUE, "Target Torque", I16, RW, pdo=True, unit=TORQUE_UNIT, attribute="target_torque"),
         var(0x6072, "Max Torque", U16, RW, pdo=True, unit=TORQUE_UNIT, attribute="max_torque"),
         var(MAX_CURRENT, "Max Current", U16, RW, unit=CURRENT_UNIT),
-        var(0x6075, "Motor Rated Current", U32, RW, unit="mA"),
+        var(RATED_CURRENT, "Motor Rated Current", U32, RW, unit="mA"),
         var(0x6078, "Current Actual Value", I16, RO, pdo=True, unit=CURRENT_UNIT, attribute="current_actual"),
         var(0x6079, "DC Link Circuit Voltage", U32, RO, pdo=True, unit="mV", attribute="dc_link_voltage"),
         var(TARGET_POSITION, "Target Position", I32, RW, pdo=True, unit=POSITION_UNIT, attribute="target_position"),

@@ -104,10 +104,22 @@ GUARDED: tuple[GuardedRange, ...] = (
         Check.NOTHING,
     ),
     GuardedRange(
+        objects.RATED_CURRENT,
+        objects.RATED_TORQUE,
+        "rated current and torque: meaning of every current, torque and limit",
+        Check.NOTHING,
+    ),
+    GuardedRange(
         objects.POSITION_RANGE_LIMIT,
         objects.POSITION_RANGE_LIMIT,
-        "range of positions: value of 100 %",
+        "range of positions: value of 100 %, and where they wrap",
         Check.REFERENCES,
+    ),
+    GuardedRange(
+        objects.HOME_OFFSET,
+        objects.HOME_OFFSET,
+        "home offset: zero of every position; the home position is lost",
+        Check.CONFIGURATION,
     ),
     GuardedRange(objects.POLARITY, objects.POLARITY, "polarity: sign of every value", Check.REFERENCES),
     GuardedRange(

@@ -185,8 +185,10 @@ MAPPED_AGAIN = (
         ((_download(0x6040, 0, b"\x0f\0"),), "6040h/0"),
         ((_download(0x6094, 1, bytes((50, 0, 0, 0))),), "6094h/1"),
         ((_download(0x607E, 0, b"\x40"),), "607Eh/0"),
+        ((_download(0x607C, 0, bytes((1, 0, 0, 0))),), "607Ch/0"),
+        ((_download(0x6075, 0, bytes((1, 0, 0, 0))),), "6075h/0"),
     ],
-    ids=["mapping", "mode", "Controlword", "units", "polarity"],
+    ids=["mapping", "mode", "Controlword", "units", "polarity", "home offset", "rated current"],
 )
 def test_write_of_another_tool_stops_the_drive_and_configures_it_again(frames: tuple[bytes, ...], what: str) -> None:
     with running(configuration(axis(1, more="simulate = true\n"))) as daemon:

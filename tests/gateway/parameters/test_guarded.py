@@ -20,8 +20,20 @@ from pdgw.gateway.parameters.objects import ObjectAccess, RequestContext
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, ParameterRefused, Values
 from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
+from pdgw.profidrive.signals import signal
 from pdgw.tools.client.udp import ParameterClient
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until, world_of
+from tests.support.gateways.daemon import (
+    OFF,
+    SIMULATED_POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    exchanging,
+    serving,
+    until,
+    world_of,
+)
 
 GUARDED_INDICES = (
     *(0x1005, 0x1006, 0x1007, 0x1010, 0x1011, 0x1014, 0x1015, 0x1016, 0x1017, 0x1029, 0x1200, 0x127F, 0x1280, 0x13FF),
@@ -49,14 +61,17 @@ GUARDED_INDICES = (
 
 @pytest.mark.parametrize(
     "index",
-    [*GUARDED_INDICES, *sorted({*UNIT_OBJECTS, *VL_FACTORS}), 0x6000, 0x6003, 0x6010, 0x6046, 0x6049, 0x604A, 0x607B],
+    [
+        *(*GUARDED_INDICES, *sorted({*UNIT_OBJECTS, *VL_FACTORS}), 0x6000, 0x6003, 0x6010, 0x6046, 0x6049, 0x604A),
+        *(0x6075, 0x6076, 0x607B, 0x607C),
+    ],
 )
 def test_what_stops_guards_or_scales_an_axis_is_guarded(index: int) -> None:
     assert guard_of(index) is not None
 
 
 @pytest.mark.parametrize(
-    "index", [0x1000, 0x1008, 0x1018, 0x2000, 0x6048, 0x6081, 0x6083, 0x6087, 0x6098, 0x60C5, 0x60FF]
+    "index", [0x1000, 0x1008, 0x1018, 0x2000, 0x6048, 0x6072, 0x607D, 0x6081, 0x6083, 0x6087, 0x6098, 0x60C5, 0x60FF]
 )
 def test_everything_else_may_be_written_at_any_time(index: int) -> None:
     assert guard_of(index) is None
@@ -175,6 +190,9 @@ def test_a_powered_axis_keeps_its_brake_and_what_was_written_when_it_was_off_is_
                 (0x1400, 2, DataType.UNSIGNED8, 0),
                 (0x6085, 0, DataType.UNSIGNED32, 1),
                 (0x6094, 1, DataType.UNSIGNED32, 7),
+                (0x6075, 0, DataType.UNSIGNED32, 1),
+                (0x607B, 2, DataType.INTEGER32, 1000),
+                (0x607C, 0, DataType.INTEGER32, 1000),
                 (0x1010, 1, DataType.UNSIGNED32, 0x65766173),
             ):
                 before = node.get_data(index, subindex)
@@ -191,6 +209,22 @@ def test_a_powered_axis_keeps_its_brake_and_what_was_written_when_it_was_off_is_
             until(daemon, lambda: drive.generation == 2, "brought up again")
             assert node.get_data(0x1400, 2) == before
         plc.enable()
+
+
+def test_written_home_offset_of_an_axis_that_is_off_ends_its_home_position() -> None:
+    home_set = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
+    with serving(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER)), 1) as (daemon, client):
+        plc = Plc(daemon, [111])
+        plc.enable()
+        plc.endpoint.set(0, {"POS_STW2": signal("POS_STW2").bit("SET_REFERENCE_POINT").mask})
+        plc.until(lambda: plc.value("ZSW1") & home_set != 0, "reference point set")
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "off")
+        with exchanging(plc):
+            assert not write(client, 0x607C, 0, DataType.INTEGER32, 1000).failed
+        plc.until(lambda: daemon.axes[0].drive.generation == 2, "configured again")
+        plc.until(lambda: plc.state() == 0x01, "ready")
+        assert not plc.value("ZSW1") & home_set
 
 
 def test_checks_are_those_of_the_table() -> None:
