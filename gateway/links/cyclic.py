@@ -7,6 +7,7 @@ counted by their verdict and dropped; ``finding`` names the reason.
 
 from __future__ import annotations
 
+import enum
 import struct
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -55,6 +56,18 @@ _ACCEPTED: Final = Verdict.ACCEPTED
 _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
 USUAL: Final = (_ACCEPTED, _PROVIDER_STOP, Verdict.AFTER_LOSS, Verdict.OVERDUE, Verdict.CONNECTING)
 """Verdicts that the status explains without a further text."""
+
+
+class _Connection(enum.Enum):
+    """With a PLC. A loss is an event: no connection follows before ``poll`` has reported it to the axes."""
+
+    NONE = "the first frame that counts begins one"
+    CONNECTED = "connected"
+    LOST = "lost, and the axes have not seen it"
+    REPORTED = "lost: what waited in the socket at this reading is older"
+
+
+_NONE, _CONNECTED, _LOST, _REPORTED = _Connection
 
 
 def control_mask(half: TelegramHalf) -> bytes:
@@ -163,9 +176,7 @@ class CyclicEndpoint:
         self._read_at = 0
         self._read_before = 0
         self._late = False
-        self._loss_to_report = False
-        self._lost_at: int | None = None
-        """The reading of the socket that found the last loss: all that waited is older."""
+        self._connection = _NONE
         axes: list[_Axis] = []
         mask = bytearray(self.frame_size)
         for index, (half, offset, iops) in enumerate(
@@ -183,7 +194,6 @@ class CyclicEndpoint:
         self.setpoints: list[tuple[int, ...] | None] = [None] * len(telegrams)
         self.peer: Address | None = None
         """Source and target of frames; kept after a loss, so that the PLC sees the axes stop and gets a tick."""
-        self.connected = False
         self._runs = False
         """Provider state of the PLC."""
         self._telegrams = tuple(item.number for item in telegrams)
@@ -198,6 +208,11 @@ class CyclicEndpoint:
         """Losses of the PLC: silence, or a late gateway."""
         self.iops_bad = 0
         self.sent = 0
+
+    @property
+    def connected(self) -> bool:
+        """A PLC is connected."""
+        return self._connection is _CONNECTED
 
     @property
     def frame_size(self) -> int:
@@ -279,7 +294,12 @@ class CyclicEndpoint:
         )
 
     def continue_from(self, previous: CyclicEndpoint) -> None:
-        """Follow an endpoint with other telegrams: continue its counts and its cycle counter, or the PLC would see old frames."""
+        """Follow an endpoint with other telegrams: continue its counts and its cycle counter, or the PLC would see old frames.
+
+        A loss that the axes have not seen is still to be reported.
+        """
+        if previous._connection is _LOST:
+            self._connection = _LOST
         self._counter = previous._counter
         self.counters = previous.counters
         self.watchdog_expiries = previous.watchdog_expiries
@@ -290,8 +310,7 @@ class CyclicEndpoint:
         """Process a datagram; on ACCEPTED (and on PROVIDER_STOP, with None) the setpoints are updated.
 
         ``now``: when the caller read its socket, equal for all datagrams of one read; ``received_at``: when the kernel received
-        the datagram, None if unknown. The next ``poll`` reports a loss that is found here. Until then no connection starts, so
-        that the drive objects see every loss.
+        the datagram, None if unknown. The next ``poll`` reports a loss that is found here.
         """
         if now != self._read_at:
             self._note_reading(now)
@@ -323,6 +342,8 @@ class CyclicEndpoint:
         self._read_at = now
         idle = 0 if self.connected else IDLE_NS
         self._late = now - self._read_before > self._watchdog_ns + idle
+        if self._connection is _REPORTED:
+            self._connection = _NONE
 
     def _check(self, data: bytes, source: Address) -> Verdict:
         if self.connected:
@@ -347,7 +368,7 @@ class CyclicEndpoint:
 
     def _check_new(self, data: bytes, source: Address, arrived: int, now: int, verdict: Verdict) -> Verdict:
         """The verdict on a frame that fits: the same if it is new."""
-        if self._loss_to_report or self._lost_at == self._read_at:
+        if self._connection is _LOST or self._connection is _REPORTED:
             if source == self.peer:
                 self._heard = arrived
             return Verdict.AFTER_LOSS
@@ -371,8 +392,10 @@ class CyclicEndpoint:
 
     def _take(self, data: bytes, source: Address, arrived: int, *, runs: bool) -> None:
         """A frame that counts: all that it orders is in force."""
+        if self._connection is not _CONNECTED:
+            assert self._connection is _NONE, "the axes have seen the last loss"
+            self._connection = _CONNECTED
         self.peer = source
-        self.connected = True
         self._last_time = arrived
         self.received = data
         self._refused = None
@@ -401,11 +424,9 @@ class CyclicEndpoint:
             self.losses.add(self._read_at, 0, self.why_refused(*self._refused))
         else:
             self._refused = None  # a copy, or a frame that others have overtaken; silence is the cause
-        self.connected = False
+        self._connection = _LOST
         self.new_frames.lose()
         self.watchdog_expiries += 1
-        self._loss_to_report = True
-        self._lost_at = self._read_at
         self.lose_setpoints()
 
     @property
@@ -419,7 +440,9 @@ class CyclicEndpoint:
             self._note_reading(now)
         if self.connected and now - self._last_time > self._watchdog_ns:
             self._lose()
-        lost, self._loss_to_report = self._loss_to_report, False
+        lost = self._connection is _LOST
+        if lost:
+            self._connection = _REPORTED
         return lost
 
     def build(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int = 0) -> bytes:

@@ -226,6 +226,29 @@ def test_a_connection_waits_for_the_report_of_the_loss() -> None:
     assert endpoint.setpoints == [(0x047F, 0x2000)]
 
 
+def test_newer_on_of_a_later_reading_waits_for_the_report_of_the_loss() -> None:
+    """The daemon may read its socket twice before the axes step."""
+    endpoint = device()
+    connect(endpoint)
+    for reading in (20, 21, 22):
+        now = reading * CYCLE
+        assert endpoint.receive(frame(1 + reading * STEP), PLC, now, now) is Verdict.AFTER_LOSS
+        assert (endpoint.connected, endpoint.setpoints) == (False, [None])
+    assert endpoint.poll(22 * CYCLE), "the loss"
+    assert endpoint.watchdog_expiries == 1
+    connect(endpoint, frame(1 + 23 * STEP), at=23 * CYCLE)
+
+
+def test_loss_that_no_axis_has_seen_outlasts_another_layout() -> None:
+    first, second = device(1), device(1)
+    connect(first)
+    assert first.receive(frame(2), PLC, 20 * CYCLE) is Verdict.AFTER_LOSS
+    second.continue_from(first)
+    assert second.receive(frame(3), PLC, 21 * CYCLE) is Verdict.AFTER_LOSS
+    assert second.poll(21 * CYCLE), "the loss"
+    connect(second, frame(4), at=22 * CYCLE)
+
+
 def test_the_answer_carries_values_status_and_a_running_counter() -> None:
     endpoint = device()
     first = rt.RtFrame.decode(bytes(endpoint.build([(0x0637, -5)], [True])))
