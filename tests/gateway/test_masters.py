@@ -132,6 +132,24 @@ def test_torque_reduction_is_of_the_limit_that_the_drive_had_before_it() -> None
         plc.until(lambda: model.max_torque == own, "the drive's own torque")
 
 
+@pytest.mark.parametrize("beside", [False, True], ids=["alone", "beside another master"])
+def test_gateway_that_ends_restores_own_values_only_without_another_master(beside: bool) -> None:
+    """The other master may have written them since."""
+    with operating(configuration(axis(1, telegram_number=102))) as (daemon, plc):
+        written: list[bytes] = []
+        daemon.networks["can"].listeners.append(
+            lambda m: written.append(bytes(m.data[1:4])) if m.arbitration_id == SDO_REQUEST + 1 else None
+        )
+        with exchanging(plc):
+            if beside:
+                world_of(daemon).bus(CHANNEL).join("another gateway").send(HEARTBEAT, b"\x05")
+            else:
+                daemon.stop()
+            world_of(daemon).loop.until(daemon.stopped.is_set, "the end of the gateway", 10 * SECOND)
+        max_torque = bytes((0x72, 0x60, 0))
+        assert (max_torque in written) is not beside
+
+
 @pytest.mark.parametrize(
     ("command", "state", "after_ms"),
     [

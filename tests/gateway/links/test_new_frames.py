@@ -20,6 +20,7 @@ from pdgw.gateway.links.link import UdpLink
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.profidrive.telegrams import telegram
 
 CYCLE = 4 * MS
@@ -322,6 +323,23 @@ def test_two_plcs_at_one_gateway_are_named() -> None:
     assert site.link.finding() is None
 
 
+def test_first_of_two_senders_connects_though_the_second_sends_between() -> None:
+    """Only one sender at a time is answered, so only it can have a tick."""
+    site = Site()
+    second = PlcEndpoint([TELEGRAM], CYCLE)
+    for _ in range(10):
+        site.run(1)
+        site.send(second, SECOND_PLC)
+        assert site.link.endpoint.peer == PLC
+    assert site.link.connected
+    assert site.accepted[0][0] <= SECOND + 4 * CYCLE + MS
+    site.silent = True
+    for _ in range(10):
+        site.run(1)
+        site.send(second, SECOND_PLC)
+    assert site.link.endpoint.peer == SECOND_PLC, "the next one, after the watchdog time"
+
+
 def test_a_pulse_of_one_frame_acts_from_the_first_frame_on() -> None:
     site = Site().run(4)
     words = [0x04BE, 0x043E, 0x043F]
@@ -375,6 +393,16 @@ def test_frames_with_one_tick_are_ordered_by_their_counters() -> None:
     assert rule.check(rule.tick(now), 5, now + 1) is Verdict.ACCEPTED, "sent after all of them"
     assert rule.check(second, 6, SECOND + CYCLE + LIMIT) is Verdict.STALE
     assert rule.check(second, 7, SECOND + CYCLE + LIMIT + 1) is Verdict.TOO_OLD
+
+
+@pytest.mark.parametrize("limit", [LIMIT, 512 * MS, SECOND])
+def test_older_frame_with_the_same_tick_is_stale_up_to_the_age_limit(limit: int) -> None:
+    """The counter repeats every 2.048 s: one that is older by up to the age limit must not look like a newer one."""
+    for older in range(MS, limit + 1, limit // 100):
+        rule = NewFrames(limit)
+        tick, counter = rule.tick(SECOND), 60_000
+        assert rule.check(tick, counter, SECOND + limit) is Verdict.ACCEPTED
+        assert rule.check(tick, counter - older // COUNTER_UNIT_NS & 0xFFFF, SECOND + limit) is Verdict.STALE
 
 
 def test_a_frozen_tick_never_counts_again_in_40_hours() -> None:
