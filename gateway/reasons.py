@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
 from pdgw.durations import SECOND
@@ -660,6 +660,15 @@ class FaultNumber(enum.IntEnum):
 
 FIRST_WARNING = 108
 """Number of the warning with bit 0 of P953; the others follow."""
+EMCY_WARNING: Final = 1 << 14
+"""The bit of P953 for an EMCY of a device that shows no fault."""
+DEVICE_WARNING: Final = 1 << 15
+"""That of Statusword.7, or of 6505h of an encoder."""
+
+
+def first_warning(bits: int) -> int:
+    """The lowest number among warnings of P953, 0 for none."""
+    return FIRST_WARNING + (bits & -bits).bit_length() - 1 if bits else 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.reasons import DEVICE_WARNING, FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import (
     EncoderControl,
     PresetRequest,
@@ -41,6 +41,7 @@ from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 
 _FAULT = signal("ZSW2_ENC").bit("FAULT").mask
+_WARNING = signal("ZSW2_ENC").bit("WARNING").mask
 _SENSOR_REASONS = {
     SensorState.ERROR: Reason.SENSOR_ERROR,
     SensorState.ACKNOWLEDGING: Reason.SENSOR_ERROR,
@@ -70,6 +71,8 @@ class EncoderInputs:
     """Raw signal values in telegram order, None without a valid PLC."""
     ok: bool = False
     """The encoder is configured and its data is fresh."""
+    unacknowledged: bool = False
+    """The fault buffer has a fault that is not acknowledged."""
     news: list[News] = field(default_factory=list)
 
 
@@ -91,7 +94,7 @@ class EncoderMachine:
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.ENCODER_NO_PLC)
         self.channel = SensorChannel()
         self.control = EncoderControl(SignOfLife(settings.sign_of_life_failures))
-        self._node = NodeWatch(self.outputs)
+        self._node = NodeWatch(self.outputs, proven=True)
         self._acknowledgement = Acknowledgement()
         self._speed: Normalisation | None = None
         self.usable = False
@@ -158,28 +161,32 @@ class EncoderMachine:
         cause = self.faulty
         fault = new_fault or (cause if ok else control.fault)
         adapter.read(inputs.setpoints)
-        status = control.step(adapter.control, fault=fault, warning=ok and source.warnings != 0)
+        status = control.step(adapter.control, fault=fault, warning=False)
         if adapter.control is None:
             self._sensor_word = None
         elif control.has_control:
             self._sensor_word = adapter.sensor_word
         values = channel.step(self._sensor_word, source, ok, now, self._sign_of_life_error())
-        if not ok or not self.usable:
+        if not ok or not self.usable or inputs.unacknowledged:
             status |= _FAULT
+        self._report_preset()
+        if not self.in_error:
+            outputs.warned = 0
+        outputs.warning = outputs.warned | self._node.warning
+        if ok and source.warnings:
+            outputs.warning |= DEVICE_WARNING
+        if outputs.warning:
+            status |= _WARNING
         speed = self._normalised(channel.speed(source, ok, now)) if self._speed is not None else 0
         adapter.write(status, values, channel.sensor.xist3, speed, outputs.actuals)
         if channel.preset_write is not self._preset:
             write = self._preset = channel.preset_write
             outputs.writes = None if write is None else (write,)
-        self._report_preset()
         outputs.good = ok
         if self._acknowledgement.step(control.acknowledged, ok, cause, now):
             outputs.happened().acknowledged = True
             self._node.acknowledged()
         outputs.reason = self._reason(ok)
-        if not self.in_error:
-            outputs.warned = 0
-        outputs.warning = outputs.warned
         return outputs
 
     def _has_new_fault(self) -> bool:

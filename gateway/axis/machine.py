@@ -37,14 +37,7 @@ from pdgw.gateway.axis.executors.torque import DriveWords, TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit
 from pdgw.gateway.axis.settings import AxisSettings, Missing, SecondSensor, missing, needed_quantities
-from pdgw.gateway.axis.supervision.drive_events import (
-    FAULTY,
-    POWERED,
-    WATCHED,
-    Acknowledgement,
-    DriveWatch,
-    NodeWatch,
-)
+from pdgw.gateway.axis.supervision.drive_events import WATCHED, Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
 from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
@@ -64,7 +57,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.reasons import DEVICE_WARNING, FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
@@ -125,7 +118,7 @@ class AxisMachine:
             second.channel.set_references(second.own.references)
         places = self.adapter.message, self.adapter.load, self.adapter.codes
         self._words = DriveWords(*places) if max(places) >= 0 else None
-        self._node = NodeWatch(self.outputs)
+        self._node = NodeWatch(self.outputs, proven=False)
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
@@ -141,6 +134,8 @@ class AxisMachine:
         """The telegram has numbers of faults and warnings: ``Inputs`` has to have them."""
         self.usable = False
         """The drive is known: what 100 % is, and that it has the modes of the telegram."""
+        self.in_fault = True
+        """The drive is in fault, lost, or not known well enough. Beside this, ZSW1.3 shows faults that are not acknowledged."""
         self._window = 0
         self._control_lost = False
         """The PLC removed its control in operation and has not returned it."""
@@ -227,12 +222,8 @@ class AxisMachine:
         reason = Reason.UNITS_CONTRADICTED if self.units_contradicted else report.reason
         flags = statusword & cell.visible
         if known and inputs.drive_ok:
-            flags |= (
-                report.flags
-                | (SHOWN_STATE if cell.shown or self._stop.waits else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
-            )
-            if outputs.warned or self._control_lost:
-                flags |= Flag.WARNING
+            shown = SHOWN_STATE if cell.shown or self._stop.waits else SHOWN_UNCOMMANDED
+            flags |= report.flags | shown[statusword & STATE_MASK]
         else:
             flags |= SHOWN_FAULT
             if not inputs.drive_ok:
@@ -246,7 +237,26 @@ class AxisMachine:
                 Reason.NEEDS_OFF,
                 statusword & Flag.OF_THE_DRIVE | SHOWN_UNCOMMANDED[statusword & STATE_MASK],
             )
-        return reason, flags, report
+        self.in_fault = flags & SHOWN_FAULT != 0
+        if inputs.unacknowledged:
+            flags |= SHOWN_FAULT
+        if self._node.unproven:
+            self._node.step(inputs.now)
+        outputs.warning = warning = self._warnings()
+        return reason, flags | Flag.WARNING if warning else flags, report
+
+    def _warnings(self) -> int:
+        """P953."""
+        warning = self.outputs.warned | self._node.warning
+        if self.inputs.drive_ok:
+            statusword = self.inputs.feedback.statusword
+            if statusword & StatusBit.WARNING:
+                warning |= DEVICE_WARNING
+            if statusword & StatusBit.INTERNAL_LIMIT:
+                warning |= _AT_LIMIT
+        if self.inputs.set_point_refused:
+            warning |= _SET_POINT
+        return warning | _WITHOUT_CONTROL if self._control_lost else warning
 
     def _write_report(self, known: bool, flags: int, report: Report) -> None:
         """The actual values of the telegram."""
@@ -273,7 +283,7 @@ class AxisMachine:
                 outputs.found.append(found)
         shown = statusword & WATCHED if inputs.drive_ok else 0
         if shown != drive.shown:
-            drive.changed(shown, statusword, commanded, reason, inputs.now)
+            drive.changed(self._node, shown, statusword, commanded, reason, inputs.now)
             if inputs.drive_ok:
                 outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             elif enables(commanded):
@@ -292,11 +302,12 @@ class AxisMachine:
         """The fault buffer moves on when the PLC acknowledged, and the drive has left its fault."""
         inputs, outputs, demand = self.inputs, self.outputs, self.demand
         state = STATE_OF_STATUS[inputs.feedback.statusword & STATE_MASK]
-        faulty = state in FAULTY or (self.units_contradicted and state in POWERED)
+        faulty = state not in UNPOWERED if self.units_contradicted else self.in_fault
         if self.acknowledgement.step(demand.connected and demand.acknowledge, inputs.drive_ok, faulty, inputs.now):
             outputs.happened().acknowledged = True
             outputs.no_drive_error()
             self._node.acknowledged()
+            self._drive.acknowledged()
             self.units_contradicted = False
 
     def _watch_stops(self, limit: Limit) -> None:
@@ -327,20 +338,15 @@ class AxisMachine:
         outputs.brake = stop.brake
 
     def _write_notes(self, reason: Reason | None) -> None:
-        """Reason and warnings, and what this step has found."""
+        """The reason, and what this step has found."""
         outputs = self.outputs
-        warning = outputs.warned
-        if self.inputs.set_point_refused:
-            warning |= _SET_POINT
-            reason = Reason.SET_POINT_REFUSED if reason is None else reason
-        if self._drive.shown & StatusBit.INTERNAL_LIMIT:
-            warning |= _AT_LIMIT
-            reason = Reason.INTERNAL_LIMIT if reason is None else reason
-        if self._control_lost:
-            warning |= _WITHOUT_CONTROL
+        if reason is None and self.inputs.set_point_refused:
+            reason = Reason.SET_POINT_REFUSED
+        if reason is None and self._drive.shown & StatusBit.INTERNAL_LIMIT:
+            reason = Reason.INTERNAL_LIMIT
         if self._stop.waits:
             reason = Reason.NOT_LEFT
-        outputs.reason, outputs.warning = reason, warning
+        outputs.reason = reason
         if outputs.found:
             for number, detail in outputs.found:
                 outputs.fault(gateway_fault(number, detail, self.inputs.now))

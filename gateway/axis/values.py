@@ -274,8 +274,8 @@ class Inputs:
     """The heartbeat of the drive says Stopped (NMT)."""
     fault_code: int = 0
     """The first fault that is not acknowledged (P947); only where the telegram shows it."""
-    warning_code: int = 0
-    """The first warning (P953); likewise."""
+    unacknowledged: bool = False
+    """The fault buffer has a fault that is not acknowledged."""
     set_point_refused: bool = False
     """A new setpoint does not reach the drive, because its data could not be written."""
     encoders: list[EncoderInput | None] = field(default_factory=lambda: [None, None])
@@ -295,8 +295,6 @@ class Events:
     """Lines for the log."""
     acknowledged: bool = False
     """The fault buffer moves on: the PLC acknowledged and the device has left its fault."""
-    emergency_over: bool = False
-    """The device has reported the end of its errors."""
     read_fault: bool = False
     """The fault number of the drive has to be read from it (``FaultRead``)."""
 
@@ -316,7 +314,7 @@ class Outputs:
         self.reason = reason
         """Why the axis does not do what the PLC asks; None: it does."""
         self.warning = 0
-        """The active warnings of the gateway: bits of P953."""
+        """P953: the active warnings of the gateway and of the device."""
         self.warned = 0
         """Those of the executor: a part of ``warning``."""
         self.events: Events | None = None

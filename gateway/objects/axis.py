@@ -17,7 +17,6 @@ from pdgw.dsp402.objects import ABORT_OPTION, CONTROLWORD, DRIVE_OBJECTS, ERROR_
 from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.durations import MS
-from pdgw.gateway.axis.demand_report import SHOWN_FAULT
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
@@ -89,7 +88,7 @@ class Axis(DriveObject):
         self.shows_supply = False
         """Statusword.4 is its supply: it was set without power. Many drives set it only with their power stage."""
         self._sound_until = 0
-        """When ZSW1.3 was 0 last."""
+        """When it was not in fault last."""
 
     def _make_machine(self, number: int) -> AxisMachine:
         machine = AxisMachine(number, self._settings, self.drive.feedback)
@@ -127,11 +126,11 @@ class Axis(DriveObject):
         inputs.gateway_stops = self.gateway_stops
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.rpdos.set_point_refused
+        inputs.unacknowledged = not self.fault_log.acknowledged
         if machine.shows_codes:
-            if not machine.outputs.actuals[0] & SHOWN_FAULT:  # ZSW1
+            if not machine.in_fault:
                 self._sound_until = now
             inputs.fault_code = self.fault_log.fault_code(self._sound_until - EMERGENCY_PATIENCE_NS)
-            inputs.warning_code = self.fault_log.warning_code(machine.outputs.warning)
         inputs.node_stopped = drive.heartbeat.stopped
         inputs.position_ns = drive.units.position_ns
         if drive.generation != self._generation:

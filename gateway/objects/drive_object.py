@@ -254,8 +254,6 @@ class DriveObject(abc.ABC):
             log.info("%s: %s", self.label, text, extra={"event": "node", "do": self.do_id})
         if events.acknowledged:
             self.fault_log.acknowledge()
-        if events.emergency_over:
-            self.fault_log.emergency_over()
 
     def _happened(self, text: str, *, stops: bool = False) -> None:
         self.happenings.append(Happening(self.network.loop.now(), self.do_id, self.label, text, stops))

@@ -21,7 +21,7 @@ from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
 from pdgw.profidrive.encoder import ENCODER_ACKNOWLEDGE, SENSOR_ACKNOWLEDGE, SENSOR_ERROR_TEXTS, SensorState
 from pdgw.profidrive.signal_text import value_text
 from pdgw.profidrive.signals import SignalQuantity
@@ -341,6 +341,18 @@ def _missing_acknowledge(bit: str, no_control: str, level: int, in_vain: bool) -
     if in_vain:
         return f"it was acknowledged, but the cause is still there: remove it, then {edge}"
     return f"then acknowledge: it needs an edge, {edge}" if level else f"then acknowledge ({bit})"
+
+
+def device_warning(item: DriveObject) -> str:
+    """The newest active warning that the device itself reports; empty without one."""
+    for reported in item.fault_log.reported(present=item.outputs.warning):
+        record = reported.record
+        if reported.active and record.is_warning and record.of_device:
+            return f"warning {record.number}: {record.text}"
+    if not item.outputs.warning & DEVICE_WARNING:
+        return ""
+    bit = "Statusword.7 = 1" if item.kind == "axis" else "6505h"
+    return f"warning of the device ({bit}) without an EMCY: see its manual"
 
 
 def notes(axis: Axis) -> list[str]:

@@ -124,6 +124,7 @@ class EncoderObject(DriveObject):
         inputs.now = now
         inputs.setpoints = None if self.gateway_stops else setpoints
         inputs.ok = client.refresh(now)
+        inputs.unacknowledged = not self.fault_log.acknowledged
         if client.parameters is not self._parameters:
             self._parameters = client.parameters
             machine.set_references(references := self.references)

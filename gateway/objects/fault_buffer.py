@@ -12,7 +12,7 @@ from typing import NamedTuple
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.durations import MS
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS, FaultNumber
+from pdgw.gateway.reasons import EMCY_WARNING, GATEWAY_FAULTS, FaultNumber
 from pdgw.profidrive.parameters.catalogue import NAME_SIZE
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
@@ -20,8 +20,6 @@ _NO_FAULT = Fault(0, 0, 0, 0)
 _KEPT = 64
 _OWN_PLACES = 6
 """Places of situation 0 that the gateway's own faults may take: the others are for those of the device."""
-EMCY_WARNING_BIT = 14
-"""Bit of P953 for an EMCY without an error in its error register."""
 
 
 class ReportedFault(NamedTuple):
@@ -36,7 +34,7 @@ class ReportedFault(NamedTuple):
 def _warning_mask(record: FaultRecord) -> int:
     """The bit of a warning in P953."""
     fault = GATEWAY_FAULTS.get(record.number)
-    return 1 << EMCY_WARNING_BIT if fault is None else fault.warning_mask
+    return EMCY_WARNING if fault is None else fault.warning_mask
 
 
 def _key(record: FaultRecord) -> tuple[int, int]:
@@ -48,7 +46,7 @@ def _rank(record: FaultRecord, since: int) -> tuple[bool, bool, bool]:
 
 
 class FaultLog:
-    """The history for the user, the fault buffer and the warnings of one axis; times count from ``origin_ns``."""
+    """The history for the user and the fault buffer of one axis; times count from ``origin_ns``."""
 
     def __init__(self, origin_ns: int) -> None:
         self.history: deque[FaultRecord] = deque(maxlen=_KEPT)
@@ -57,13 +55,12 @@ class FaultLog:
         """P944 and P952."""
         self._active: dict[tuple[int, int], ReportedFault] = {}
         """Faults that are not acknowledged, the oldest first. Equal ones count once, so that none hides another."""
-        self._emergency = 0
         self._entered = 0
         self.count = 0
         """Faults since the start, without warnings: the recorder has it beside each step."""
 
     def enter(self, record: FaultRecord) -> None:
-        """Store a fault in the buffer, or a warning in the warning word."""
+        """Store a fault in the history and in the buffer, a warning in the history alone."""
         self.history.append(record)
         self._entered += 1
         if not record.is_warning:
@@ -73,18 +70,11 @@ class FaultLog:
                 time_ms = max(0, record.time_ns - self._origin) // MS
                 fault = Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF)
                 self.buffer.enter(fault, FAULTS_PER_SITUATION if record.of_device else _OWN_PLACES)
-        elif record.number not in GATEWAY_FAULTS:
-            self._emergency = _warning_mask(record)
 
     def acknowledge(self) -> None:
         """The PLC acknowledged and the cause is gone. The gateway's own faults, repeated, have one situation."""
         self.buffer.acknowledge(GATEWAY_FAULTS)
         self._active.clear()
-        self._emergency = 0
-
-    def emergency_over(self) -> None:
-        """The device has reported the end of its errors."""
-        self._emergency = 0
 
     def clear(self) -> None:
         """P952 := 0."""
@@ -93,9 +83,8 @@ class FaultLog:
 
     def reported(self, *, present: int, newest: int | None = None) -> list[ReportedFault]:
         """The history with its ids, newest first, then older faults that are not acknowledged; ``newest``: maximum number.
-        ``present`` as in ``warnings``.
+        ``present``: the warnings of ``Outputs.warning``.
         """
-        warnings = self.warnings(present)
         seen: set[int] = set()
         result: list[ReportedFault] = []
         for back, record in enumerate(reversed(self.history)):
@@ -104,7 +93,7 @@ class FaultLog:
             number = self._entered - back
             if record.is_warning:
                 # A warning has one entry, however often it is reported.
-                active = bool(warnings & _warning_mask(record)) and record.number not in seen
+                active = bool(present & _warning_mask(record)) and record.number not in seen
                 seen.add(record.number)
             else:
                 first = self._active.get(_key(record))
@@ -138,20 +127,14 @@ class FaultLog:
         reported = reversed(self.reported(present=0))
         return [item for item in reported if item.active and not item.record.is_warning]
 
-    def warning_code(self, present: int) -> int:
-        """The lowest number among the warnings of P953, 0 for none."""
-        word = self.warnings(present)
-        return FIRST_WARNING + (word & -word).bit_length() - 1 if word else 0
+    @property
+    def acknowledged(self) -> bool:
+        """There is no fault that is not acknowledged."""
+        return not self._active
 
     def unacknowledged(self) -> list[FaultRecord]:
         """The unacknowledged faults, each once, also those without a place in situation 0."""
         return [item.record for item in self._active.values()]
-
-    def warnings(self, present: int) -> int:
-        """P953 without the drive's own bit: the warnings of the gateway that are ``present`` (``Outputs.warning``), and that of
-        an EMCY, which ends with the device's "no error" or an acknowledge.
-        """
-        return present | self._emergency
 
 
 # P946 and P951: the fault numbers of a drive object with their codes and texts, element n for number n.

@@ -34,9 +34,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT, fault_codes, fault_numbers, fault_texts
+from pdgw.gateway.objects.fault_buffer import fault_codes, fault_numbers, fault_texts
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext, signal_list
-from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
+from pdgw.gateway.reasons import DEVICE_WARNING, EMCY_WARNING, FIRST_WARNING, GATEWAY_FAULTS, first_warning
 from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
@@ -85,16 +85,14 @@ _STATUS_OBJECTS = (
 """Elements 1 to 10 of P65001."""
 _STEPS_PER_SECOND = 0
 """Element 11 of P65001: the unit of 6030h."""
-_DEVICE_WARNING_BIT = 15
-_STATUSWORD_WARNING = signal("ZSW1").bit("WARNING").mask
 _LIST_SIZE = 99
 _WARNING_TEXTS = tuple(
     GATEWAY_FAULTS[number].name[:16]
     if number in GATEWAY_FAULTS
     else "device warning"
-    if number == FIRST_WARNING + _DEVICE_WARNING_BIT
+    if number == first_warning(DEVICE_WARNING)
     else "EMCY"
-    if number == FIRST_WARNING + EMCY_WARNING_BIT
+    if number == first_warning(EMCY_WARNING)
     else "reserved"
     for number in range(FIRST_WARNING, FIRST_WARNING + 16)
 )
@@ -247,7 +245,7 @@ class NodeObject(BoundObject):
         self.bind(Pnu.FAULT_TIME, lambda: [fault.time_ms for fault in log_.entries()])
         self.bind(Pnu.FAULT_VALUE, lambda: [fault.value for fault in log_.entries()])
         self.bind(Pnu.FAULT_SITUATIONS, lambda: log_.buffer.situations, self._clear_faults)
-        self.bind(Pnu.WARNING_WORD, self._warnings, texts=lambda: _WARNING_TEXTS)
+        self.bind(Pnu.WARNING_WORD, lambda: owner.outputs.warning, texts=lambda: _WARNING_TEXTS)
         self.bind(Pnu.BAUD_RATE, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
         self.bind_action(Pnu.LOAD, self.load)
         self.bind_action(Pnu.SAVE, self.save)
@@ -297,9 +295,6 @@ class NodeObject(BoundObject):
         if value:
             raise ParameterRefused(Number.SETTING_NOT_PERMITTED)
         self.owner.fault_log.clear()
-
-    def _warnings(self) -> int:
-        return self.owner.fault_log.warnings(self.owner.outputs.warning)
 
     def require_power_off(self) -> None:
         """ParameterRefused while something may move."""
@@ -370,11 +365,6 @@ class AxisObject(NodeObject):
         telegram = self.axis.telegram
         return _OPERATING_MODES.get(telegram.setpoints.mode, _MANUFACTURER_MODE | telegram.number)
 
-    def _warnings(self) -> int:
-        axis = self.axis
-        drive = axis.good and bool(axis.drive.feedback.statusword & _STATUSWORD_WARNING)
-        return super()._warnings() | drive << _DEVICE_WARNING_BIT
-
     def _reference_speed(self) -> float:
         drive = self.axis.drive.drive_type
         if drive is None or drive.scaling.rated_speed_rpm is None:
@@ -398,10 +388,6 @@ class EncoderChannelObject(NodeObject):
             PARAMETERS[Pnu.OPERATING_STATUS], lambda: self._operating_status(context)
         )
         self.bind_lists()
-
-    def _warnings(self) -> int:
-        encoder = self.encoder
-        return super()._warnings() | (encoder.good and encoder.input.warnings != 0) << _DEVICE_WARNING_BIT
 
     def _set_preset(self, value: int) -> None:
         self.encoder.preset_value = value

@@ -19,7 +19,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.identity import interpreter, kind
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.objects.enable_chain import notes
+from pdgw.gateway.objects.enable_chain import device_warning, notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
@@ -111,6 +111,7 @@ def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
         "saturations": item.outputs.saturations,
         "cause": None if cause is None else _fault(item, cause),
         "faults": fault_status(item, 1),
+        "warning": device_warning(item),
         "fault_count": len(item.faults),
     }
 

@@ -16,6 +16,7 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from tests.can.unhurried import UnhurriedPlatform
 from tests.support.buses import PATIENCE_S
+from tests.support.gateways.fault_display import drive_state
 
 T = TypeVar("T")
 CYCLE_MS = 20
@@ -122,7 +123,7 @@ class Plant:
 
     def state(self, axis: int = 0) -> int | None:
         word = self.value("ZSW1", axis)
-        return None if word is None else word & 0x4F
+        return None if word is None else drive_state(word)
 
     def command(self, word: int, speed: int = 0, axis: int = 0) -> None:
         self.plc.set(axis, {"STW1": word, "NSOLL_A": speed})

@@ -38,7 +38,7 @@ class Reaction(enum.Enum):
     FAULT = "position stays good, fault until acknowledged"
     SENSOR_ERROR = "position invalid (G1_ZSW.15), fault until acknowledged"
     LOSES = "IOPS BAD, returns by itself, fault until acknowledged"
-    NEVER_GOOD = "IOPS BAD until the fault is removed, then online by itself"
+    NEVER_GOOD = "IOPS BAD until the fault is removed, then online by itself, fault until acknowledged"
     G1_ERROR = "the drive stays in operation, G1 shows the error until acknowledged"
     G1_MISSING = "the drive stays in operation, G1 shows the error until the encoder is online"
 

@@ -22,6 +22,7 @@ from pdgw.peers.node.running import RunningNode
 from pdgw.peers.world import Member, Plc
 from tests.conformance.fault_cases import LOSSES, Activity, Case
 from tests.support.gateways.daemon import world_of
+from tests.support.gateways.fault_display import FaultDisplay
 
 COMPLETE = "PDGW_CONFORMANCE" in os.environ
 """All combinations (``make conformance``)."""
@@ -56,7 +57,7 @@ class Rig:
         self.device = device
         self.sent: list[str] = []
         """Controlwords and NMT commands since the last ``clear``, without repetitions."""
-        self.watchers: list[Callable[[], None]] = []
+        self.watchers: list[Callable[[], None]] = [FaultDisplay(daemon, self.subject)]
         """Functions called after each cycle."""
         self.world.bus(str(daemon.config.can[0].channel)).taps.append(self._tap)
         print(config_text(daemon.config))

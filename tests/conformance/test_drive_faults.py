@@ -147,9 +147,9 @@ def _stopped_by(rig: DriveRig, mark: int) -> str:
 def _check_continues(rig: DriveRig, case: Case, mark: int) -> None:
     assert rig.states[mark:] == [], "operation was left"
     rig.until(rig.moved, "moved as commanded")
-    assert case.numbers or not rig.numbers, f"unexpected fault numbers: {rig.numbers}"
     rig.off()
     rig.until(lambda: rig.standing() and rig.model.state not in POWERED, "OFF obeyed")
+    assert case.numbers or not rig.numbers, f"unexpected fault numbers: {rig.numbers}"
     rig.end_fault()
 
 

@@ -192,6 +192,10 @@ def _check_never_good(rig: EncoderRig, case: Case) -> None:
     assert rig.sight.shown == ["IOPS BAD"]
     assert rig.reason
     rig.end_fault(restart=True)
+    rig.until(lambda: rig.sight.good, "IOPS GOOD")
+    rig.cycles(QUIET_CYCLES)
+    assert rig.sight.fault, "the fault ended by itself"
+    rig.acknowledge()
 
 
 def _check_continues(rig: EncoderRig, case: Case) -> None:

@@ -18,6 +18,7 @@ from pdgw.tools.commands.capture.timeline import replay, timeline
 from pdgw.tools.recording.recorder import CAPTURE
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
+from tests.support.gateways.fault_display import drive_state
 from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, running, wait_for_text
 from tests.support.readers.captures import can_frames
@@ -94,7 +95,7 @@ def turn_despite_other_traffic(plc: SocketPlc, port: int, status: int) -> None:
     assert frames["wrong FrameID"] >= 1
 
     plc.endpoint.run = False
-    plc.until(lambda: plc.signal(0, "NIST_A") == 0 and plc.signal(0, "ZSW1") & 0x4F == 0x40, "stopped")
+    plc.until(lambda: plc.signal(0, "NIST_A") == 0 and drive_state(plc.signal(0, "ZSW1")) == 0x40, "stopped")
     plc.endpoint.run = True
     plc.stays_off(0)
 

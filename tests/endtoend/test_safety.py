@@ -22,6 +22,7 @@ from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.peers.bus import INTERFACE, ServedBus
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
+from tests.support.gateways.fault_display import drive_state
 from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running, wait_for_text
 
@@ -64,7 +65,7 @@ def test_killed_plc_gateway_or_drive_stops_the_axis_without_a_restart(
             return at_end.enter_context(running("run", str(path), log=tmp_path / log))
 
         def inhibited(what: str) -> None:
-            plc.until(lambda: plc.signal(0, "ZSW1") & 0x4F == 0x40, what)
+            plc.until(lambda: drive_state(plc.signal(0, "ZSW1")) == 0x40, what)
             plc.stays_off(0)
 
         first, _ = drive("drive.log")
@@ -164,7 +165,7 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
 
     with running("run", str(config), "--web", log=tmp_path / "log") as gateway, exchanging(cyclic) as plc:
         plc.endpoint.set(0, {"STW1": OFF})
-        wait_for(lambda: plc.value("ZSW1") & 0x4F == 0x01, "the drive")
+        wait_for(lambda: drive_state(plc.value("ZSW1")) == 0x01, "the drive")
         plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": 0x2000})
         wait_for(lambda: plc.value("NIST_A") == 0x2000, "half speed")
         wait_for(answers, "the page")

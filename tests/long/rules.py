@@ -105,7 +105,7 @@ class Seen:
     off: bool = True
     """The drive is seen without power, or its node has executed NMT Stop."""
     unstored: bool = False
-    """An EMCY with an error is not in the fault buffer in time."""
+    """An EMCY with an error is not reported in time."""
     stuck: bool = False
     """OFF, acknowledge and ON have not brought the axis into operation in time."""
     apart: bool = False
@@ -261,7 +261,7 @@ class Rule(enum.Enum):
         lambda seen: seen.brake < seen.braked and not seen.off,
     )
     STORED = (
-        "each EMCY with an error is in the fault buffer (P945, P948)",
+        "each EMCY with an error is in the fault buffer (P945, P948), or a warning",
         "docs/parameter-channel.md",
         lambda seen: seen.unstored,
     )

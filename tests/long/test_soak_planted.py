@@ -14,6 +14,7 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.values import FaultRecord
 from tests.long.rules import Rule
 from tests.long.soak.__main__ import main
 from tests.long.soak.calm import CALM_TELEGRAMS, LATENCY_MAX_MS, CalmRun, calm_shapes, draw_calm
@@ -117,6 +118,13 @@ def pending(*sent_ms: int) -> PendingEmcys:
 def test_emcy_without_an_entry_is_found() -> None:
     with pytest.raises(ViolationError, match="EMCY 8130h was sent 400 ms before"):
         pending(1000).read(1400 * MS, 0, NOTHING, NOTHING)
+
+
+def test_emcy_that_is_a_warning_is_reported() -> None:
+    warning = FaultRecord(12, 0x8130, 0, "", 1000 * MS, is_warning=True)
+    waiting = pending(1000)
+    waiting.read(1400 * MS, 0, NOTHING, NOTHING, [warning])
+    assert not waiting.due(2000 * MS)
 
 
 @pytest.mark.parametrize("entered_ms", [1000, 1100, 200])

@@ -165,6 +165,8 @@ def _row(item: dict[str, Any]) -> str:
     active = item["cause"]
     if active is not None and item["state_id"] != AxisState.FAULT.name:
         parts.append(f"fault {active['number']} not acknowledged")
+    if item["warning"]:
+        parts.append(item["warning"])
     return f"{item['label']}: {item['state']} ({', '.join(parts)})"
 
 

@@ -10,6 +10,7 @@ from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.motion.requests import MessageWord, namur_word, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
+from pdgw.gateway.reasons import first_warning
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
 
 _RATED = 1000
@@ -79,7 +80,7 @@ class DriveWords:
         place = self._codes
         if place >= 0:
             actuals[place] = inputs.fault_code if flags & SHOWN_FAULT else 0
-            actuals[place + 1] = inputs.warning_code
+            actuals[place + 1] = first_warning(outputs.warning)
 
 
 class TorqueExecutor(SpeedExecutor):

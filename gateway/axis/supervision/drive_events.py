@@ -6,6 +6,7 @@ Source: docs/safety.md, docs/parameter-channel.md "Fault buffer".
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, Generic, TypeVar
 
@@ -17,7 +18,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import EMCY_WARNING, FaultNumber, Reason
 
 K = TypeVar("K")
 SAME_EVENT_NS: Final = SECOND
@@ -54,6 +55,8 @@ _FAULTS: Final = {
 """Notices that are a fault each time."""
 _RESTARTING: Final = (Notice.BOOT, Notice.LOST, Notice.BUS_LOST)
 _DISABLED: Final = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
+_PROOF: Final = (*FAULTY, None)
+"""A drive that shows one of these has a fault; None: no state of CiA 402."""
 _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 
 
@@ -93,17 +96,26 @@ class Repetitions(Generic[K]):
 
 
 class NodeWatch:
-    """The notices of a node to fault records and lines of the log."""
+    """The notices of a node to fault records and lines of the log.
 
-    def __init__(self, outputs: Outputs) -> None:
+    ``proven``: an EMCY with an error proves a fault. An encoder shows its faults by nothing else. A drive may stay in operation
+    after one, so it is a warning until the drive shows a fault or leaves operation by itself.
+    """
+
+    def __init__(self, outputs: Outputs, *, proven: bool) -> None:
         self._outputs = outputs
+        self.proven = proven
+        self.unproven: list[FaultRecord] = []
+        """EMCY whose fault the drive may still show, the oldest first."""
+        self._warnings: dict[int, FaultRecord] = {}
+        """EMCY that are warnings, by error code, each as it came last."""
         self.set_drive(MappingProxyType({}), MappingProxyType({}))
         self._absent = False
         self._refusal = ""
         self._restart_asked = False
         self._emergencies: Repetitions[tuple[int, bool]] = Repetitions()
-        self.last_emergency = -SAME_EVENT_NS
-        """When the last EMCY with an error came."""
+        self.last_fault = -SAME_EVENT_NS
+        """When the last EMCY that is a fault came."""
 
     def set_drive(self, faults: Mapping[int, DriveFault], fault_of_emcy: Mapping[int, DriveFault]) -> None:
         """Set the manufacturer's faults of the drive by number, and by EMCY error code."""
@@ -121,6 +133,12 @@ class NodeWatch:
     def acknowledged(self) -> None:
         """The fault buffer has moved on: an EMCY that comes again is a new fault."""
         self._emergencies.clear()
+        self._warnings.clear()
+
+    @property
+    def warning(self) -> int:
+        """The bit of P953 for EMCY that are warnings: until the device reports the end of its errors, or an acknowledge."""
+        return EMCY_WARNING if self._warnings else 0
 
     def restart_asked(self) -> None:
         """The gateway itself restarts the node."""
@@ -166,19 +184,26 @@ class NodeWatch:
         outputs.stage_hot |= kind == _STAGE_TEMPERATURE
 
     def _emergency(self, notice: NodeNotice) -> None:
-        """An EMCY: a fault while its error register has a bit set, else a warning."""
+        """An EMCY: its fault or warning, or the end of all errors."""
         code, now = notice.code, notice.time_ns
+        if code == 0 and notice.register:
+            self._log(notice.text)  # one error has ended, and others are there
+            return
         if code == 0:
+            self.step(None)
+            self._warnings.clear()
             ended = [f"EMCY {kind[0]:04X}h: {_more(count)}" for kind, count in self._emergencies.clear()]
             self._outputs.no_drive_error()
-            self._outputs.happened().emergency_over = True
             self._log(notice.text + (f" ({', '.join(ended)})" if ended else ""))
             return
-        self.last_emergency = now
         self.set_error_code(code)
+        if code in self._warnings:
+            self._warnings[code] = replace(self._warnings[code], time_ns=now)
         # The data may be a counter: another one is not another fault.
-        kind = code, notice.register == 0
+        kind = code, self.proven and notice.register != 0
         if not self._emergencies.is_new(kind, now):
+            if code not in self._warnings:
+                self.last_fault = now
             return
         number, text = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT, notice.text
         fault = self.fault_of_emcy.get(code)
@@ -187,7 +212,36 @@ class NodeWatch:
         if repeated := self._emergencies.take_repeated(kind):
             text = f"{text} ({_more(repeated)})"
         value = int.from_bytes(notice.data[:_VALUE_BYTES], "little")
-        self._outputs.fault(FaultRecord(number, code, value, text, now, notice.register == 0))
+        record = FaultRecord(number, code, value, text, now, is_warning=not kind[1])
+        if self.proven:
+            self._report(record)
+        else:
+            self.unproven.append(record)
+
+    def _report(self, record: FaultRecord) -> None:
+        if not record.is_warning:
+            self.last_fault = record.time_ns
+        else:
+            self._warnings.pop(record.code, None)
+            self._warnings[record.code] = record
+            if len(self._warnings) > EMERGENCIES_KEPT:
+                del self._warnings[next(iter(self._warnings))]
+        self._outputs.fault(record)
+
+    def step(self, now: int | None) -> None:
+        """EMCY whose fault the drive has not shown in time are warnings; with None all of them are."""
+        waiting = self.unproven
+        while waiting and (now is None or now - waiting[0].time_ns >= EMERGENCY_PATIENCE_NS):
+            self._report(waiting.pop(0))
+
+    def prove(self, since: int) -> None:
+        """The drive shows a fault: the EMCY that came last after ``since`` are faults."""
+        shown = [*self.unproven, *(record for record in self._warnings.values() if record.time_ns >= since)]
+        self.unproven.clear()
+        for record in shown:
+            self._warnings.pop(record.code, None)
+            self._emergencies.is_new((record.code, True), record.time_ns)
+            self._report(replace(record, is_warning=False))
 
 
 def _more(count: int) -> str:
@@ -235,28 +289,37 @@ class DriveWatch:
         self._outputs = outputs
         self._repetitions: Repetitions[FaultNumber] = Repetitions()
         self.fault_since = 0
-        """Since when an EMCY for the present fault is missing; 0 when none is."""
+        """When the drive showed a fault, left operation by itself or was lost in it, while its EMCY may still come; else 0."""
         self.fault_began = 0
         """When the Statusword showed a fault last."""
         self.shown = 0
         """The bits that are watched as they were last, 0 without a drive."""
 
-    def changed(self, shown: int, statusword: int, commanded: int, reason: Reason | None, now: int) -> None:
+    def acknowledged(self) -> None:
+        """The fault buffer has moved on: what is shown again is a new fault."""
+        self._repetitions.clear()
+
+    def changed(
+        self, node: NodeWatch, shown: int, statusword: int, commanded: int, reason: Reason | None, now: int
+    ) -> None:
         """``shown`` is what ``WATCHED`` leaves of the Statusword, ``commanded`` the Controlword the drive had."""
         old, self.shown = self.shown, shown
         state, previous = STATE_OF_STATUS[shown & STATE_MASK], STATE_OF_STATUS[old & STATE_MASK]
+        begins = state is not previous and state in _PROOF and previous not in FAULTY
         if state in FAULTY and previous not in FAULTY:
-            self.fault_since = self.fault_began = now
+            self.fault_began = now
         if state is None and previous is not None:
             self._report_once(FaultNumber.STATE_UNKNOWN, f"Statusword {statusword:04X}h", now)
-        elif (
-            previous is State.OPERATION_ENABLED
-            and state is not None
-            and state in _DISABLED
-            and commanded & _COMMAND == _COMMAND
-            and reason is Reason.NEEDS_OFF
-        ):
-            self._report_once(FaultNumber.LEFT_OPERATION, f"{state.value}, without a command of the gateway", now)
+        elif previous is State.OPERATION_ENABLED and commanded & _COMMAND == _COMMAND:
+            if state in _DISABLED and reason is Reason.NEEDS_OFF:
+                self._report_once(FaultNumber.LEFT_OPERATION, f"{state.value}, without a command of the gateway", now)
+                begins = True
+            elif not shown:
+                begins = True
+        if begins:
+            self.fault_since = now
+            node.prove(now - EMERGENCY_PATIENCE_NS)
+        node.proven = state in _PROOF or self.fault_since != 0
         if state is State.OPERATION_ENABLED and shown & ~old & StatusBit.INTERNAL_LIMIT:
             self._report_once(FaultNumber.INTERNAL_LIMIT, "limit switch, position or speed limit", now)
 
@@ -265,12 +328,15 @@ class DriveWatch:
             self._outputs.fault(gateway_fault(number, detail, now))
 
     def step(self, node: NodeWatch, now: int) -> None:
-        """The Statusword shows a fault without EMCY: read its number and code from the drive."""
+        """A fault without an EMCY of its own: the EMCY that were warnings announced it, and the drive has its number and code."""
         since = self.fault_since
-        if since and now - since >= EMERGENCY_PATIENCE_NS:
+        if now - since >= EMERGENCY_PATIENCE_NS:
             self.fault_since = 0
-            if node.last_emergency < since - EMERGENCY_PATIENCE_NS:
-                self._outputs.happened().read_fault = True
+            node.proven = STATE_OF_STATUS[self.shown & STATE_MASK] in _PROOF
+            if self.shown and node.last_fault < since - EMERGENCY_PATIENCE_NS:
+                node.prove(0)
+                if since == self.fault_began:
+                    self._outputs.happened().read_fault = True
 
     def fault_read(self, read: FaultRead, feedback: DriveFeedback, faults: Mapping[int, DriveFault], now: int) -> None:
         """The number and code that were read; ``faults``: the manufacturer's by number."""

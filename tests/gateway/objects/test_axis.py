@@ -10,6 +10,7 @@ import pytest
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
+from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.errors import GatewayError
@@ -191,6 +192,7 @@ def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number
     axis.references_changed()
     axis.on_node_event(DriveEvent("emcy", "EMCY", code, 1, b"\x01\x00\x00\x00\x00", 1))
     axis.step(None, 1)
+    axis.step(None, 1 + EMERGENCY_PATIENCE_NS)
     fault = axis.faults[0]
     assert (fault.number, fault.code, fault.value) == (number, code, 1)
 

@@ -9,11 +9,11 @@ import pytest
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
-from pdgw.durations import MS
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT
-from pdgw.gateway.reasons import FIRST_WARNING, FaultNumber, Reason, warning_bits
+from pdgw.gateway.reasons import EMCY_WARNING, FIRST_WARNING, FaultNumber, Reason, warning_bits
 from pdgw.gateway.service.status import axis_status
 from tests.support import buses
 from tests.support.drives.drive_types import engel
@@ -105,11 +105,17 @@ def test_an_internal_limit_is_logged_at_its_beginning_and_is_the_reason(steps: S
     limited = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT
     steps(ON, limited, limited)
     assert steps.numbers == [112]
-    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == 1 << 112 - FIRST_WARNING, "P953"
+    assert steps.axis.outputs.warning == 1 << 112 - FIRST_WARNING, "P953"
     assert steps.axis.reason is Reason.INTERNAL_LIMIT
     steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.reason is None
     assert not steps.axis.outputs.warning
+
+
+def show_fault(axis: Axis) -> None:
+    """The drive shows a fault: an EMCY with an error is one."""
+    axis.drive.feedback.statusword = STATUS_OF[State.FAULT]
+    axis.step(None, 1)
 
 
 def emcy(axis: Axis, code: int, register: int = 1, now: int = 1) -> None:
@@ -118,20 +124,23 @@ def emcy(axis: Axis, code: int, register: int = 1, now: int = 1) -> None:
 
 
 @pytest.mark.parametrize(("register", "is_warning"), [(0x01, False), (0x11, False), (0x00, True)])
-def test_an_emergency_is_a_fault_while_its_error_register_has_a_bit_set(
+def test_emergency_in_a_fault_is_a_fault_if_its_register_has_a_bit_set(
     axis: Axis, register: int, is_warning: bool
 ) -> None:
+    show_fault(axis)
     emcy(axis, 0x2310, register)
     assert [(fault.number, fault.is_warning) for fault in axis.faults] == [(7, is_warning)]
 
 
 @pytest.mark.parametrize("code", [0x8110, 0x8120, 0x8140, 0x8210])
 def test_an_emergency_of_the_communication_is_fault_12(axis: Axis, code: int) -> None:
+    show_fault(axis)
     emcy(axis, code)
     assert axis.faults[0].number == 12
 
 
 def test_a_burst_of_emergencies_does_not_push_the_first_cause_out(axis: Axis) -> None:
+    show_fault(axis)
     emcy(axis, 0x2310, now=MS)
     for count in range(1, 1001):
         emcy(axis, 0x5000, now=count * 2 * MS)
@@ -140,6 +149,7 @@ def test_a_burst_of_emergencies_does_not_push_the_first_cause_out(axis: Axis) ->
 
 def test_emergencies_with_a_counter_in_their_data_are_counted_once_a_second(axis: Axis) -> None:
     """The first cause stays, also the one that arrives meanwhile."""
+    show_fault(axis)
     for count in range(3000):
         counter = count.to_bytes(5, "little")
         axis.on_node_event(DriveEvent("emcy", "EMCY FF00h", 0xFF00, 1, counter, (1 + count) * MS))
@@ -168,12 +178,14 @@ def test_number_of_emergencies_is_complete_when_they_end(axis: Axis, caplog: pyt
 
 
 def test_a_fault_after_warnings_of_the_same_code_is_reported_at_once(axis: Axis) -> None:
+    show_fault(axis)
     emcy(axis, 0x2310, register=0, now=1)
     emcy(axis, 0x2310, register=1, now=2)
     assert [fault.is_warning for fault in axis.faults] == [True, False]
 
 
 def test_an_emergency_that_ended_is_a_new_one_when_it_comes_again(axis: Axis) -> None:
+    show_fault(axis)
     for now in range(1, 4):
         emcy(axis, 0x2310, now=now)
     emcy(axis, 0, 0, now=4)
@@ -183,13 +195,13 @@ def test_an_emergency_that_ended_is_a_new_one_when_it_comes_again(axis: Axis) ->
 
 def test_an_emergency_without_an_error_is_a_warning_until_its_end(axis: Axis) -> None:
     emcy(axis, 0x2310, register=0, now=1)
-    bit = 1 << EMCY_WARNING_BIT
-    assert axis.fault_log.warnings(axis.outputs.warning) & bit, "P953"
-    axis.on_node_event(DriveEvent("status", "mapping PDOs", time_ns=2))
-    axis.step(None, 2)
-    assert axis.fault_log.warnings(axis.outputs.warning) & bit
-    emcy(axis, 0, register=0, now=3)
-    assert not axis.fault_log.warnings(axis.outputs.warning) & bit
+    axis.step(None, 1 + EMERGENCY_PATIENCE_NS)
+    assert axis.outputs.warning == EMCY_WARNING, "P953"
+    axis.on_node_event(DriveEvent("status", "mapping PDOs", time_ns=SECOND))
+    axis.step(None, SECOND)
+    assert axis.outputs.warning == EMCY_WARNING
+    emcy(axis, 0, register=0, now=SECOND)
+    assert not axis.outputs.warning
 
 
 def test_the_log_has_each_reason_fault_and_message_of_the_node_once(
@@ -238,17 +250,13 @@ def test_a_setpoint_the_drive_does_not_accept_is_warning_119_and_the_reason(step
     steps.axis.on_node_event(DriveEvent("set-point", "not started: 6083h", time_ns=1))
     steps(ON, State.OPERATION_ENABLED)
     assert steps.numbers == [119]
-    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == 1 << 119 - FIRST_WARNING, "P953"
+    assert steps.axis.outputs.warning == 1 << 119 - FIRST_WARNING, "P953"
     assert steps.axis.reason is Reason.SET_POINT_REFUSED
     steps(ON, STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT)
-    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == warning_bits(
-        FaultNumber.SET_POINT, FaultNumber.INTERNAL_LIMIT
-    )
+    assert steps.axis.outputs.warning == warning_bits(FaultNumber.SET_POINT, FaultNumber.INTERNAL_LIMIT)
     steps(ON, State.OPERATION_ENABLED)
-    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == warning_bits(FaultNumber.SET_POINT), (
-        "each ends by itself"
-    )
+    assert steps.axis.outputs.warning == warning_bits(FaultNumber.SET_POINT), "each ends by itself"
     steps.axis.drive.rpdos.set_point_refused = False
     steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.reason is None
-    assert steps.axis.fault_log.warnings(steps.axis.outputs.warning) == 0
+    assert steps.axis.outputs.warning == 0

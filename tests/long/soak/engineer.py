@@ -8,6 +8,7 @@ from random import Random
 from typing import Final
 
 from pdgw.dsp402.objects import PROFILE_ACCELERATION, PROFILE_DECELERATION, QUICK_STOP_DECELERATION
+from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.world import World, WorldChannel
@@ -70,10 +71,10 @@ class Engineer:
             self._world.loop.sleep(self._world.network.conditions.delay_ns)
         return read[0].values == (number,)
 
-    def look(self, do_id: int, pending: PendingEmcys, origin: int) -> None:
-        """Compare the fault buffer with the EMCYs of the drive; ViolationError for a missing one."""
+    def look(self, do_id: int, pending: PendingEmcys, origin: int, history: Sequence[FaultRecord]) -> None:
+        """Compare fault buffer and ``history`` with the EMCYs of the drive; ViolationError for a missing one."""
         asked_at = self._world.loop.now()
         answers = self._request(do_id, [Pnu.FAULT_CODE, Pnu.FAULT_TIME], elements=SIZE)
         if answers is not None:
             codes, times = ([int(value) for value in answer.values] for answer in answers)
-            pending.read(asked_at, origin, codes, times)
+            pending.read(asked_at, origin, codes, times, history)

@@ -42,6 +42,7 @@ from tests.long.soak.plan import AxisPlan, Part, Plan, shapes_of
 from tests.long.soak.trace import Trace
 from tests.long.soak.watch import RATED_RPM, REACHED_RPM, TRANSIENT_NS, SoakAxis, ViolationError, require
 from tests.long.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
+from tests.support.gateways.fault_display import drive_state
 from tests.support.plc.cycling import CyclingPlc
 
 CHANNEL: Final = "soak"
@@ -65,7 +66,6 @@ _CHAOS_S: Final = (5, 30)
 _TIMERS_MAX: Final = 2000
 _FRAMES_UNDER_WAY: Final = 1000
 """More frames than the PLC sends during the longest delay."""
-_RUNNING_STATE: Final = 0x4F
 _WHOLE: Final = TraceConfig(seconds=3600, megabytes=1024)
 """The recording of a part from its start."""
 _IDENTITY: Final = f"drive: {WrongIdentity.name}"
@@ -322,7 +322,7 @@ class SoakRun:
         if axis.words.raw:
             return axis.drive.model.state is State.READY_TO_SWITCH_ON
         shown = self._shown(axis)
-        return shown is not None and shown & _RUNNING_STATE == 1
+        return shown is not None and drive_state(shown) == 1
 
     def describe(self) -> str:
         """States and reasons of all axes."""
@@ -366,7 +366,8 @@ class SoakRun:
                 self.loop.sleep(SECOND)
                 for axis, pending in zip(self.axes, self.pending, strict=True):
                     if pending.due(self.loop.now()):
-                        self._engineer.look(axis.index + 1, pending, self._origin)
+                        history = self.daemon.axes[axis.index].fault_log.history
+                        self._engineer.look(axis.index + 1, pending, self._origin, history)
                 if self.loop.now() >= act_at:
                     axis = chance.choice(self.axes)
                     did = self._engineer.act(axis.index + 1)

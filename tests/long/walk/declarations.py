@@ -34,6 +34,7 @@ from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Interlock
+from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
 from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
@@ -79,11 +80,22 @@ OF: Final[dict[type, dict[str, Any]]] = {
     Repetitions: {"ASIDE": frozenset({"_reported", "_repeated"})},
     NodeWatch: {
         "ASIDE": frozenset(
-            {"fault_of_emcy", "fault_of_number", "last_emergency", "_refusal", "_absent", "_restart_asked"}
+            {
+                "fault_of_emcy",
+                "fault_of_number",
+                "last_fault",
+                "proven",
+                "unproven",
+                "_warnings",
+                "_refusal",
+                "_absent",
+                "_restart_asked",
+            }
         )
     },
     Acknowledgement: {"ASIDE": frozenset({"_until", "_seen"})},
     DriveWatch: {"ASIDE": frozenset({"fault_began", "fault_since"}), "SUPERVISION": frozenset({"shown"})},
+    AxisMachine: {"PASSING": frozenset({"in_fault"})},
     StopWatch: {
         "WHILE": ("limit", QUICK_STOPS),
         "INSTANTS": lambda item: {
@@ -117,7 +129,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
                 "set_point_refused",
                 "setpoints",
                 "standstill",
-                "warning_code",
+                "unacknowledged",
             }
         ),
     },

@@ -22,6 +22,7 @@ from pdgw.peers.world import Gateway, World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.client import udp as client_module
 from pdgw.tools.client.udp import ParameterClient
+from tests.support.gateways.fault_display import drive_state
 
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
 OFF, ON = 0x047E, 0x047F
@@ -116,7 +117,7 @@ class Plc:
         return -1 if actuals is None else actuals[name]
 
     def state(self, index: int = 0) -> int:
-        return self.value("ZSW1", index) & 0x4F
+        return drive_state(self.value("ZSW1", index))
 
     def enable(self, index: int = 0) -> None:
         self.endpoint.set(index, {"STW1": OFF})

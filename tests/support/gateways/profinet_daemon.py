@@ -27,6 +27,7 @@ from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import Identity, Station
 from tests.support.gateways.daemon import Plc, until
 from tests.support.gateways.daemon import online as nodes_online
+from tests.support.gateways.fault_display import drive_state
 from tests.support.readers import captures
 from tests.support.readers.tshark_frames import datagram
 from tests.support.wire.ethernet import FakeEthernet
@@ -140,9 +141,9 @@ class Plant:
     def enable(self, slot: int = 1, *values: int) -> None:
         """OFF, then ON, with further setpoints."""
         self.set(slot, OFF, *values)
-        self.until(lambda: self.word(slot) & 0x4F == 0x01, "ready")
+        self.until(lambda: drive_state(self.word(slot)) == 0x01, "ready")
         self.set(slot, ON, *values)
-        self.until(lambda: self.word(slot) & 0x4F == 0x07, "operation")
+        self.until(lambda: drive_state(self.word(slot)) == 0x07, "operation")
 
     def write(self, folder: Path) -> list[str]:
         """plc.pcap and can.log."""

@@ -10,6 +10,7 @@ from pdgw.durations import MS
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from tests.support.buses import PATIENCE_S, check_processes
+from tests.support.gateways.fault_display import drive_state
 
 OFF = 0x047E
 CYCLE = 20 * MS
@@ -55,7 +56,7 @@ class SocketPlc:
         off = 0x043E if self.endpoint.telegrams[axis].number == 9 else OFF
 
         def state() -> int:
-            return self.signal(axis, "ZSW1") & 0x4F
+            return drive_state(self.signal(axis, "ZSW1"))
 
         def operates() -> bool:
             if state() not in _ENABLING:

@@ -157,11 +157,11 @@ def test_emcy_that_comes_again_after_the_acknowledge_is_a_new_fault() -> None:
         hand.stepper.machine.inputs.news.append(NodeNotice(Notice.EMERGENCY, "EMCY", 1, 0x8130, 0x11))
 
     emcy()
-    hand(ON)
+    hand(ON, State.FAULT)
     emcy()
-    hand(OFF)
+    hand(OFF, State.FAULT)
     assert len(hand.stepper.events) == 1
-    hand(OFF | _ACKNOWLEDGE)
+    hand(OFF | _ACKNOWLEDGE, State.SWITCH_ON_DISABLED)
     emcy()
-    hand(OFF)
+    hand(OFF, State.FAULT)
     assert len(hand.stepper.events) == 2
