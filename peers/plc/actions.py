@@ -125,7 +125,7 @@ def _off_on(off: int) -> Program:
         Set({"STW1": off}),
         Wait({"ZSW1.READY_TO_SWITCH_ON": 1, "ZSW1.SWITCHING_ON_INHIBITED": 0}, "ready"),
         Set({"STW1": off | 1}),
-        Wait({"ZSW1.OPERATION_ENABLED": 1, "ZSW1.FAULT": 0}, "operation enabled"),
+        Wait({"ZSW1.OPERATION_ENABLED": 1}, "operation enabled"),
     ]
 
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from pdgw.dsp402.states import State
+from pdgw.durations import SECOND
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode
@@ -109,6 +110,22 @@ def test_block_of_a_lost_gateway_needs_enable_again() -> None:
         plc.deaf = False
         plc.exchange(500)
         assert (rpm(drive), plc.block["REASON"]) == (0, Reason.NEEDS_OFF.code)
+
+
+def test_block_enables_again_after_lost_frames_without_an_acknowledge() -> None:
+    with axis_with(1) as (plc, drive):
+        plc.set(ReferenceSpeed=3000.0)
+        plc.enable()
+        plc.loop.run_for(SECOND)
+        plc.exchange(100)
+        assert drive.node.model.state is not State.OPERATION_ENABLED
+        assert plc.daemon.axes[0].actuals[0] & 0x08, "fault 103 is not acknowledged"
+        plc.set(Enable=False)
+        plc.enable()
+        assert not plc.block["ERROR"]
+        plc.set(AckError=True)
+        plc.until(lambda _: not plc.daemon.axes[0].actuals[0] & 0x08, "acknowledged in operation")
+        assert plc.block["ENABLED"]
 
 
 TARGETS = {9: 8_796_093, 110: 10_000, 111: 10_000, 112: 10.0}

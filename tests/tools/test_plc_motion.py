@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdgw.dsp402.states import State
+from pdgw.durations import SECOND
 from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.reasons import Reason
 from pdgw.tools.plc.code import structured_text
@@ -221,6 +222,20 @@ def test_an_axis_stays_stopped_until_the_last_of_two_stops_ends() -> None:
         assert axis.state == "Stopping"
         axis.at("stopping")["EXECUTE"] = False
         axis.exchange(5)
+        assert axis.state == "Standstill"
+
+
+def test_reset_acknowledges_a_fault_of_the_past_in_operation() -> None:
+    with axis_with(1) as axis:
+        axis.on()
+        axis.loop.run_for(SECOND)
+        axis.exchange(100)
+        axis.on()
+        assert axis.daemon.axes[0].actuals[0] & 0x08, "fault 103 is not acknowledged"
+        axis.start("reset")
+        axis.until(lambda _: axis.at("reset")["DONE"], "reset")
+        axis.exchange(10)
+        assert not axis.daemon.axes[0].actuals[0] & 0x08
         assert axis.state == "Standstill"
 
 

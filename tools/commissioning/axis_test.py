@@ -72,7 +72,7 @@ _OFF = _STW1.word(
 )
 _ON = _OFF | _STW1.bit("ON").mask
 _READY, _ENABLED = _ZSW1.bit("READY_TO_SWITCH_ON").mask, _ZSW1.bit("OPERATION_ENABLED").mask
-_NOT_SO = _ZSW1.word("FAULT", "SWITCHING_ON_INHIBITED")
+_INHIBITED = _ZSW1.bit("SWITCHING_ON_INHIBITED").mask
 
 
 class AxisTestError(Exception):
@@ -308,9 +308,9 @@ class AxisTest:
         self._endpoint.set(0, {_STW1.name: word, _NSOLL.name: wire})
 
     def _shows(self, bit: int) -> bool:
-        """Whether the gateway's ZSW1 has a bit set and no fault."""
+        """Whether the gateway's ZSW1 has a bit set, and switching on is not inhibited."""
         actuals = self._endpoint.actuals[0]
-        return actuals is not None and bool(actuals[_ZSW1.name] & bit) and not actuals[_ZSW1.name] & _NOT_SO
+        return actuals is not None and bool(actuals[_ZSW1.name] & bit) and not actuals[_ZSW1.name] & _INHIBITED
 
     def _power_up(self) -> None:
         for word, bit, what in ((_OFF, _READY, "ready to switch on"), (_ON, _ENABLED, "in operation")):
