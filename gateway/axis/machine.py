@@ -37,7 +37,7 @@ from pdgw.gateway.axis.executors.torque import DriveWords, TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit
 from pdgw.gateway.axis.settings import AxisSettings, Missing, SecondSensor, missing, needed_quantities
-from pdgw.gateway.axis.supervision.drive_events import WATCHED, Acknowledgement, DriveWatch, NodeWatch
+from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
 from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
@@ -62,7 +62,6 @@ from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
-_AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
 _SET_POINT: Final = warning_bits(FaultNumber.SET_POINT)
 _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
@@ -248,12 +247,8 @@ class AxisMachine:
     def _warnings(self) -> int:
         """P953."""
         warning = self.outputs.warned | self._node.warning
-        if self.inputs.drive_ok:
-            statusword = self.inputs.feedback.statusword
-            if statusword & StatusBit.WARNING:
-                warning |= DEVICE_WARNING
-            if statusword & StatusBit.INTERNAL_LIMIT:
-                warning |= _AT_LIMIT
+        if self.inputs.drive_ok and self.inputs.feedback.statusword & StatusBit.WARNING:
+            warning |= DEVICE_WARNING
         if self.inputs.set_point_refused:
             warning |= _SET_POINT
         return warning | _WITHOUT_CONTROL if self._control_lost else warning
@@ -281,7 +276,7 @@ class AxisMachine:
             if found is not None:
                 self.units_contradicted = found[0] is FaultNumber.VELOCITY
                 outputs.found.append(found)
-        shown = statusword & WATCHED if inputs.drive_ok else 0
+        shown = statusword & STATE_MASK if inputs.drive_ok else 0
         if shown != drive.shown:
             drive.changed(self._node, shown, statusword, commanded, reason, inputs.now)
             if inputs.drive_ok:
@@ -342,8 +337,6 @@ class AxisMachine:
         outputs = self.outputs
         if reason is None and self.inputs.set_point_refused:
             reason = Reason.SET_POINT_REFUSED
-        if reason is None and self._drive.shown & StatusBit.INTERNAL_LIMIT:
-            reason = Reason.INTERNAL_LIMIT
         if self._stop.waits:
             reason = Reason.NOT_LEFT
         outputs.reason = reason

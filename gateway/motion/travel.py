@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from pdgw.durations import MS
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.motion.requests import (
     FULL,
     Command,
@@ -32,11 +32,41 @@ LIMIT_STANDING_NS: Final = 500 * MS
 """If a drive reports an internal limit and is at standstill for this time with a setpoint or task, the limit (a limit switch)
 stops it. A drive with a limited speed has left standstill by then.
 """
+LIMIT_LEFT_NS: Final = 10 * SECOND
+"""The same for a limit that was there before the motion, which may be its way out: as long as a drive may need for its brake."""
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
 _NO_INTERMEDIATE_STOP: Final = Command.NO_INTERMEDIATE_STOP
 _ARRIVED: Final = Seen.REACHED | Seen.STANDSTILL
 _STOPPED_AT_LIMIT: Final = Seen.INTERNAL_LIMIT | Seen.STANDSTILL
 _PRESSES: Final = Seen.STANDSTILL | Seen.TORQUE_AT_LIMIT
+
+
+@dataclass(slots=True, eq=False)
+class Stall:
+    """An axis at standstill before its motion has ended. Call ``step`` once per cycle.
+
+    Way counts, not speed: a slow task is always inside the standstill window.
+    """
+
+    time: int
+    """Time without way that is a stall, ns."""
+    _since: int = -1
+    """When the axis made way last, monotonic ns; -1: nothing is expected."""
+    _lowest: int = 0
+    """Lowest and"""
+    _highest: int = 0
+    """highest position since: encoder noise stays between them."""
+
+    def step(self, expects: bool, position: int, now: int) -> bool:
+        """One cycle; True for a stalled axis. ``expects``: the axis is at standstill, and its motion has not ended."""
+        if not expects:
+            self._since, self._lowest, self._highest = -1, 0, 0
+        elif self._since < 0:
+            self._since, self._lowest, self._highest = now, position, position
+        elif not self._lowest <= position <= self._highest:
+            self._since = now
+            self._lowest, self._highest = min(position, self._lowest), max(position, self._highest)
+        return self._since >= 0 and now - self._since >= self.time
 
 
 @dataclass(slots=True, eq=False)
@@ -58,9 +88,10 @@ class Course:
     """Why the goal is kept and not pursued."""
     warning: Reason | None = None
     """Active until a reject or the next task."""
-    _limit_since: int = -1
-    """Since when the drive is at standstill at an internal limit, monotonic ns; -1: it is not. 0: the limit stops the goal until
-    another one, or an intermediate stop."""
+    _limit: Stall = field(default_factory=lambda: Stall(LIMIT_STANDING_NS))
+    """No way at an internal limit of the drive."""
+    _at_limit: bool = False
+    """The limit stops the goal, until another one or an intermediate stop."""
 
     def look(self) -> None:
         """Take the begin of a relative task, before anything is decided."""
@@ -78,7 +109,7 @@ class Course:
         self.drop_goal()
         self.held = None
         self.sent = 0
-        self._limit_since = -1
+        self._at_limit = False
 
     def lacks_velocity(self, velocity: int, override: int = FULL) -> bool:
         """Whether a task to a position is slower than the only velocity of the drive."""
@@ -91,7 +122,10 @@ class Course:
             return False
         if window is None or goal is None or goal.distance is not None:
             return seen.bits & Seen.ANSWERED != 0
-        return abs(goal.target - seen.position) <= window
+        return self._near(goal, window)
+
+    def _near(self, goal: Goal, window: int) -> bool:
+        return abs(goal.target - self.seen.position) <= window
 
     def _executes(self) -> bool:
         """The drive has taken the setpoint of a position."""
@@ -114,7 +148,7 @@ class Course:
         """Another goal."""
         self.goal = goal
         self.sent = 0
-        self._limit_since = -1
+        self._at_limit = False
 
     def drop_goal(self) -> None:
         """Keep the function without a goal."""
@@ -130,6 +164,10 @@ class Course:
     def follow(self, request: PositionerRequest, now: int) -> None:
         """Adapt the motion to the task: hold, resume, override."""
         motion, goal = self.motion, self.goal
+        if not self._is_at_limit():
+            self._limit.time = LIMIT_STANDING_NS
+        elif goal is None or self.waits:
+            self._limit.time = LIMIT_LEFT_NS
         override = request.override if goal is not None and goal.scaled else FULL
         if goal is not None and goal.kind is _POSITION and self.lacks_velocity(goal.velocity, override):
             self.warning = Reason.TASK_VELOCITY
@@ -154,21 +192,19 @@ class Course:
     def _hold(self, goal: Goal, request: PositionerRequest, now: int) -> Reason | None:
         """Why a task is kept but not executed."""
         if not request.commands & _NO_INTERMEDIATE_STOP:
-            self._limit_since = -1
+            self._at_limit = self._limit.step(False, 0, now)
             return Reason.INTERMEDIATE_STOP
         if goal.scaled and request.override == 0:
+            self._limit.step(False, 0, now)
             return Reason.OVERRIDE_ZERO
-        seen, since = self.seen, self._limit_since
-        if since:
-            at_limit = seen.bits & _STOPPED_AT_LIMIT == _STOPPED_AT_LIMIT and self.sent and seen.given >= self.sent
+        if not self._at_limit:
             # At a fixed stop the axis is meant to stay at the torque limit.
-            if not at_limit or goal.torque is not None or self.arrived():
-                self._limit_since = -1
-            elif since < 0:
-                self._limit_since = now
-            elif now - since >= LIMIT_STANDING_NS:
-                self._limit_since = 0
-        return None if self._limit_since else Reason.TASK_AT_LIMIT
+            moves = not self.waits and goal.torque is None and not self.arrived()
+            self._at_limit = self._limit.step(moves and self._is_at_limit(), self.seen.position, now)
+        return Reason.TASK_AT_LIMIT if self._at_limit else None
+
+    def _is_at_limit(self) -> bool:
+        return self.seen.bits & _STOPPED_AT_LIMIT == _STOPPED_AT_LIMIT
 
     def _send(self, goal: Goal, override: int) -> None:
         motion = self.motion

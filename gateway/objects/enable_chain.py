@@ -356,13 +356,16 @@ def device_warning(item: DriveObject) -> str:
 
 
 def notes(axis: Axis) -> list[str]:
-    """What the PLC sends without an effect, while no link is broken by it."""
+    """What the drive shows or the PLC sends without an effect, while no link is broken by it."""
     adapter, word = axis.machine.adapter, _control_word(axis)[1]
     found: list[str] = []
     is_speed = isinstance(adapter, SpeedAdapter)
     if isinstance(adapter, ControlWordAdapter) and (bits := _bits(word & adapter.IGNORED, " = 1")):
         speed = "; a negative setpoint turns backwards" if is_speed else ""
         found.append(f"without effect in telegram {axis.telegram.number}: {bits}{speed}")
+    limited = axis.good and axis.drive.feedback.statusword & StatusBit.INTERNAL_LIMIT
+    if limited and axis.machine.outputs.reason not in _AT_LIMIT:
+        found.append("the drive reports an internal limit (Statusword.11 = 1), which does not limit this motion")
     if is_speed and (bits := _bits(word & DEVICE_BITS)):
         found.append(f"sent to the drive as the same bits of the Controlword: {bits}")
     for item, raw in zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False):

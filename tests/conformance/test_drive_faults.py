@@ -203,7 +203,13 @@ def test_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.M
 
 @pytest.mark.planted
 def test_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(SpeedExecutor, "_held_at_limit", lambda self, target, *_: target)
+    held = SpeedExecutor._held_at_limit
+
+    def ignored(self: SpeedExecutor, target: int) -> int:
+        held(self, target)
+        return target
+
+    monkeypatch.setattr(SpeedExecutor, "_held_at_limit", ignored)
     with pytest.raises(AssertionError, match="moves on by itself"):
         test_gateway_reacts_to_each_fault_of_a_drive(Case("limit-switch", Reaction.STANDSTILL, (112,)))
 

@@ -49,6 +49,8 @@ class DscExecutor(Executor):
         self._velocity = 0
         self._near = self._tolerance = 0
         """Largest difference to the setpoint of an axis that has reached it, and to the drive's demand value within tolerance."""
+        self._at_target = 0
+        """Largest way that is left at the target, in position units."""
         self._limit = LimitWatch()
         self._held = 0
         self._last_frame_ns = 0
@@ -84,6 +86,7 @@ class DscExecutor(Executor):
         self._way = (counts / velocity / SECONDS_PER_MINUTE * cycle).as_integer_ratio()
         self._near = int(reference * self.settings.standstill_window)
         self._tolerance = int(reference) * TOLERANCE_PERCENT // 100
+        self._at_target = int(counts) * TOLERANCE_PERCENT // 100
 
     @property
     def limit_side(self) -> int:
@@ -111,6 +114,7 @@ class DscExecutor(Executor):
         else:
             self._held = self.outputs.warned = 0
             self._replaced = None
+            self._limit.step(0, 0, self)
             self._track_actual_position()
         command.controlword = interlock.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
@@ -174,16 +178,17 @@ class DscExecutor(Executor):
 
     def _held_at_limit(self) -> Reason | None:
         """An axis that was stopped at a limit of the drive does not move after the release until speed 0 and KPC 0."""
-        demand = self._asked
-        way = self._velocity or self.command.target_position - self.feedback.position_actual
-        if self._limit.step(way != 0, self):
+        demand, way = self._asked, self._velocity
+        if not way:
+            way = self.command.target_position - self.feedback.position_actual
+            way *= abs(way) > self._at_target
+        if self._limit.step(way, self._tolerance, self):
             self._held = 1 if way > 0 else -1
         elif not demand.position_error[1] and not demand.speed:
             self._held = 0
-        if not self._held:
-            return None
-        self._track_actual_position()
-        return Reason.STOPPED_AT_LIMIT
+        if self._held:
+            self._track_actual_position()
+        return self._limit.report(self.outputs, held=self._held != 0)
 
     def _report_gain(self, dsc: Dsc) -> None:
         if not dsc.setpoint.gain_clamped:

@@ -7,7 +7,7 @@ else ``refuse``.
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
@@ -16,9 +16,12 @@ from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Inputs, Outputs, ProbeAnswer
-from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
+from pdgw.gateway.motion.travel import LIMIT_LEFT_NS, LIMIT_STANDING_NS
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.normalisation import Normalisation
 
+AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
+AT_LIMIT_TEXT: Final = "limit switch, position or speed limit"
 OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF_STATUS)
 """By the Statusword under ``STATE_MASK``."""
 
@@ -109,22 +112,51 @@ def demanded_speed(feedback: DriveFeedback) -> int:
 
 
 class LimitWatch:
-    """Detects that a limit switch stops an axis: at a limit of the drive, at standstill with a setpoint for
-    ``LIMIT_STANDING_NS``."""
+    """Whether a limit of the drive (Statusword.11) keeps the axis from its setpoint.
+
+    The bit may also be 1 while the axis follows, or at rest on a limit switch. It counts when the axis has been slower than
+    commanded for ``LIMIT_STANDING_NS`` and has become no faster.
+    """
 
     def __init__(self) -> None:
+        self.limits = False
+        """It keeps the axis from its setpoint."""
+        self._rests = False
+        """The bit was there before the axis was commanded to move: this may be the way out."""
+        self._direction = 0
         self._since = -1
+        """When the axis was fastest since the present limit."""
+        self._fastest = 0
 
     def reset(self) -> None:
-        """The axis is not at standstill there."""
+        """The drive reports no limit."""
+        self.limits = self._rests = False
         self._since = -1
 
-    def step(self, wants_to_move: bool, executor: Executor) -> bool:
-        """One cycle; True when it is held."""
-        inputs = executor.inputs
-        if not (wants_to_move and inputs.standstill and executor.feedback.statusword & StatusBit.INTERNAL_LIMIT):
-            self._since = -1
+    def step(self, wanted: int, tolerance: int, executor: Executor) -> bool:
+        """One cycle with the commanded speed; True when the limit has stopped the axis."""
+        inputs, feedback = executor.inputs, executor.feedback
+        if not feedback.statusword & StatusBit.INTERNAL_LIMIT:
+            self.reset()
             return False
-        if self._since < 0:
-            self._since = inputs.now
-        return inputs.now - self._since >= LIMIT_STANDING_NS
+        now, standstill = inputs.now, inputs.standstill
+        self._rests = standstill and (self._rests or not wanted)
+        speed = feedback.velocity_actual if wanted > 0 else -feedback.velocity_actual
+        full = abs(wanted)
+        if not wanted or speed + min(tolerance, full >> 1) >= full:
+            self._since = -1
+        elif self._since < 0 or wanted * self._direction < 0 or speed > self._fastest:
+            self._since, self._fastest, self._direction = now, speed, wanted
+        waited = now - self._since if self._since >= 0 else 0
+        self.limits = waited >= LIMIT_STANDING_NS
+        return standstill and waited >= (LIMIT_LEFT_NS if self._rests else LIMIT_STANDING_NS)
+
+    def report(self, outputs: Outputs, *, held: bool) -> Reason | None:
+        """The reason of an axis that the limit keeps from its setpoint, and the warning. ``held``: it is stopped there."""
+        if held or (self.limits and not self._rests):
+            outputs.warn(FaultNumber.INTERNAL_LIMIT, AT_LIMIT_TEXT)
+        else:
+            outputs.end_warnings(AT_LIMIT)
+        if held:
+            return Reason.STOPPED_AT_LIMIT
+        return Reason.INTERNAL_LIMIT if self.limits else None

@@ -15,11 +15,10 @@ from pdgw.gateway.axis.executors.executor import AxisRecords, Executor, LimitWat
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.motion.requests import TOLERANCE_PERCENT
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
 
-_AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _RAMP: Final = Action.RAMP
 _FOLLOW: Final = SpeedWish.FOLLOW
@@ -113,10 +112,11 @@ class SpeedExecutor(Executor):
         statusword = feedback.statusword
         if self._stopped or statusword & StatusBit.INTERNAL_LIMIT:
             target = self._held_at_limit(target)
-            if self._stopped and reason is None:
-                reason = Reason.STOPPED_AT_LIMIT
+            at_limit = self._limit.report(self.outputs, held=self._stopped != 0)
+            reason = at_limit if reason is None else reason
         else:
             self._limit.reset()
+            self.outputs.warned = 0
         if cell.action is _ENABLE_OPERATION or cell.action is _RAMP:
             controlword |= self._mode_bits
         command = self.command
@@ -161,10 +161,5 @@ class SpeedExecutor(Executor):
         """The target, or 0 if an axis stopped at a limit gets a setpoint in the same direction again."""
         if target * self._stopped > 0:
             return 0
-        self._stopped = 0
-        self.outputs.warned = 0
-        if self._limit.step(target != 0, self):
-            self._stopped = target
-            self.outputs.warned = _AT_LIMIT
-            return 0
-        return target
+        self._stopped = target if self._limit.step(target, self._tolerance, self) else 0
+        return 0 if self._stopped else target

@@ -13,9 +13,8 @@ from typing import Final, Generic, TypeVar
 from pdgw.ds301.emcy import GENERIC_ERROR, emcy_text
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveFault
-from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
 from pdgw.gateway.reasons import EMCY_WARNING, FaultNumber, Reason
@@ -44,8 +43,6 @@ _VALUE_BYTES: Final = 4
 FAULTY: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 """The power stage is on."""
-WATCHED: Final = STATE_MASK | StatusBit.INTERNAL_LIMIT
-"""Statusword bits whose changes are reported."""
 _FAULTS: Final = {
     Notice.BOOT: FaultNumber.NODE_RESTARTED,
     Notice.SET_POINT_REFUSED: FaultNumber.SET_POINT,
@@ -293,7 +290,7 @@ class DriveWatch:
         self.fault_began = 0
         """When the Statusword showed a fault last."""
         self.shown = 0
-        """The bits that are watched as they were last, 0 without a drive."""
+        """The Statusword bits of the state as they were last, 0 without a drive."""
 
     def acknowledged(self) -> None:
         """The fault buffer has moved on: what is shown again is a new fault."""
@@ -302,9 +299,9 @@ class DriveWatch:
     def changed(
         self, node: NodeWatch, shown: int, statusword: int, commanded: int, reason: Reason | None, now: int
     ) -> None:
-        """``shown`` is what ``WATCHED`` leaves of the Statusword, ``commanded`` the Controlword the drive had."""
-        old, self.shown = self.shown, shown
-        state, previous = STATE_OF_STATUS[shown & STATE_MASK], STATE_OF_STATUS[old & STATE_MASK]
+        """``shown``: the bits of the state, ``commanded``: the Controlword that the drive had."""
+        state, previous = STATE_OF_STATUS[shown], STATE_OF_STATUS[self.shown]
+        self.shown = shown
         begins = state is not previous and state in _PROOF and previous not in FAULTY
         if state in FAULTY and previous not in FAULTY:
             self.fault_began = now
@@ -320,8 +317,6 @@ class DriveWatch:
             self.fault_since = now
             node.prove(now - EMERGENCY_PATIENCE_NS)
         node.proven = state in _PROOF or self.fault_since != 0
-        if state is State.OPERATION_ENABLED and shown & ~old & StatusBit.INTERNAL_LIMIT:
-            self._report_once(FaultNumber.INTERNAL_LIMIT, "limit switch, position or speed limit", now)
 
     def _report_once(self, number: FaultNumber, detail: str, now: int) -> None:
         if self._repetitions.is_new(number, now):
@@ -332,7 +327,7 @@ class DriveWatch:
         since = self.fault_since
         if now - since >= EMERGENCY_PATIENCE_NS:
             self.fault_since = 0
-            node.proven = STATE_OF_STATUS[self.shown & STATE_MASK] in _PROOF
+            node.proven = STATE_OF_STATUS[self.shown] in _PROOF
             if self.shown and node.last_fault < since - EMERGENCY_PATIENCE_NS:
                 node.prove(0)
                 if since == self.fault_began:

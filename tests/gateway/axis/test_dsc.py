@@ -9,13 +9,14 @@ import pytest
 
 from pdgw.dsp402.drive_type import Quantity, Reference
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import State
+from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
+from pdgw.peers.drive import DriveModel
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, described, engel
 
@@ -314,6 +315,21 @@ def test_axis_stopped_at_its_limit_switch_stays_when_it_is_released(form: DscFor
     limit_switch(rig, reached=False)
     rig.step(200)
     assert rig.feedback.velocity_actual == 0
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_limit_bit_of_an_axis_at_its_target_is_nothing(form: DscForm) -> None:
+    rig = axis(form)
+
+    def limited(model: DriveModel, _: int) -> None:
+        model.statusword |= StatusBit.INTERNAL_LIMIT
+
+    rig.node.model.disguises.append(limited)
+    for speed in (1 << 28, 0):
+        rig.values["NSOLL_B"] = speed
+        rig.step(400)
+        assert rig.stepper.reason is None
+    assert not rig.stepper.warning
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -66,6 +66,18 @@ def homed() -> Hand:
     return hand
 
 
+def test_homing_on_a_limit_switch_has_no_warning() -> None:
+    hand = positioner().enable()
+    begin_homing(hand)
+    for _ in range(3 * DUE):
+        hand(ON | HOMING, OPERATING | StatusBit.INTERNAL_LIMIT)
+        assert (hand.stepper.reason, hand.stepper.warning) == (None, 0)
+    for _ in range(DUE):
+        hand(ON | HOMING, OPERATING | StatusBit.INTERNAL_LIMIT | TAKEN | REACHED)
+    assert hand.actuals["ZSW1"] & HOME_SET
+    assert not hand.stepper.events
+
+
 def test_a_homing_attained_of_before_is_not_the_end_of_a_homing_whose_statusword_is_late() -> None:
     hand = homed()
     begin_homing(hand)

@@ -527,7 +527,7 @@ def test_a_task_at_a_limit_can_be_rejected() -> None:
     rig.until(reached)
     rig.step(100)
     assert position(rig) == before
-    assert rig.stepper.reason is Reason.INTERNAL_LIMIT, "the drive's own, it still stands on the switch"
+    assert rig.stepper.reason is None, "at rest the limit of the drive is nothing"
 
 
 def test_reference_values_are_limited_to_the_objects() -> None:

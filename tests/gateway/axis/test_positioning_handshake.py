@@ -546,36 +546,60 @@ def test_halt_stays_with_the_command_that_ends_the_ramp_of_an_off1() -> None:
 # -- A limit of the drive ---------------------------------------------------------------------------------------------
 
 AT_LIMIT = OPERATING | StatusBit.INTERNAL_LIMIT
-HALF_A_SECOND = 125
+HALF_A_SECOND, TEN_SECONDS = 125, 2500
 """Cycles."""
 
 
 def at_limit(cycles: int) -> Hand:
     """A task that was given this number of cycles ago, with the drive at its limit since then."""
     hand = positioning().enable()
-    hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(5_000))
-    hand(ON, AT_LIMIT | TAKEN)
-    for _ in range(cycles - 1):
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON, OPERATING | TAKEN)
+    for _ in range(cycles):
         assert not hand(ON, AT_LIMIT) & HALT
     return hand
 
 
-def test_task_replacing_one_at_a_limit_has_its_own_half_second() -> None:
+def test_task_replacing_one_at_a_limit_has_the_time_of_a_way_out() -> None:
     hand = at_limit(HALF_A_SECOND - 5)
     hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
     assert hand.target == -5_000
     assert not hand(ON, AT_LIMIT | TAKEN) & HALT
-    assert not any(hand(ON, AT_LIMIT) & HALT for _ in range(HALF_A_SECOND - 1))
+    assert not any(hand(ON, AT_LIMIT) & HALT for _ in range(TEN_SECONDS - 1))
     assert hand(ON, AT_LIMIT) & HALT
 
 
-def test_task_after_one_ended_at_a_limit_has_its_own_half_second() -> None:
+def test_task_after_one_ended_at_a_limit_has_the_time_of_a_way_out() -> None:
     hand = at_limit(HALF_A_SECOND - 5)
     hand(ON, AT_LIMIT | StatusBit.TARGET_REACHED)
     assert hand.actuals["ZSW1"] & REACHED
     hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
-    assert not any(hand(ON, AT_LIMIT | (0 if i else TAKEN)) & HALT for i in range(HALF_A_SECOND))
+    assert not any(hand(ON, AT_LIMIT | (0 if i else TAKEN)) & HALT for i in range(TEN_SECONDS))
     assert hand(ON, AT_LIMIT) & HALT
+
+
+def test_task_away_from_a_limit_at_rest_that_begins_late_is_not_stopped() -> None:
+    hand = positioning().enable()
+    hand(ON, AT_LIMIT)
+    hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
+    hand(ON, AT_LIMIT | TAKEN)
+    assert not any(hand(ON, AT_LIMIT) & HALT for _ in range(2 * HALF_A_SECOND))
+    assert not hand.stepper.warning
+    hand.feedback.velocity_actual = -1000
+    hand(ON, AT_LIMIT)
+    hand.feedback.velocity_actual = 0
+    assert not any(hand(ON, AT_LIMIT) & HALT for _ in range(HALF_A_SECOND))
+    assert hand(ON, AT_LIMIT) & HALT, "it was on its way, and the limit has stopped it"
+    assert hand.stepper.warning
+
+
+def test_slow_task_with_a_limit_bit_that_makes_way_is_not_stopped() -> None:
+    hand = positioning().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON, OPERATING | TAKEN)
+    for cycle in range(4 * HALF_A_SECOND):
+        hand.feedback.position_actual = cycle // 50
+        assert not hand(ON, AT_LIMIT) & HALT
 
 
 def test_a_task_with_speed_0_does_not_resume_the_task_that_a_limit_stopped() -> None:

@@ -466,6 +466,47 @@ def test_a_limit_switch_that_is_released_does_not_let_the_axis_move_on(speed: in
     assert bench.controlword & 0xF == 0xF
 
 
+def test_limit_at_rest_gives_a_brake_ten_seconds_before_it_stops_the_axis() -> None:
+    bench = Bench()
+    bench.operate(0)
+    at_limit(bench, 0)
+    assert (bench.stepper.reason, bench.stepper.warning) == (None, 0)
+    at_limit(bench, 0x2000, cycles=20 * HALF_SECOND)
+    assert bench.stepper.reason is Reason.INTERNAL_LIMIT
+    assert not bench.stepper.warning
+    assert bench.stepper.command.target_velocity
+    at_limit(bench, 0x2000, cycles=2)
+    assert bench.stepper.reason is Reason.STOPPED_AT_LIMIT
+    assert bench.stepper.warning
+
+
+@pytest.mark.parametrize("velocity", [3000, 2980, 3500])
+def test_limit_bit_of_an_axis_at_its_speed_is_nothing(velocity: int) -> None:
+    bench = Bench()
+    bench.operate(0x2000)
+    at_limit(bench, 0x2000, velocity=velocity, cycles=4 * HALF_SECOND)
+    assert (bench.stepper.reason, bench.stepper.warning) == (None, 0)
+
+
+def test_limit_that_keeps_the_axis_slower_has_a_reason_and_a_warning() -> None:
+    bench = Bench()
+    bench.operate(0x2000)
+    at_limit(bench, 0x2000, velocity=1500)
+    assert bench.stepper.reason is Reason.INTERNAL_LIMIT
+    assert bench.stepper.warning
+    assert bench.stepper.command.target_velocity == 3000
+    at_limit(bench, 0x1000, velocity=1500, cycles=1)
+    assert (bench.stepper.reason, bench.stepper.warning) == (None, 0)
+
+
+def test_limit_bit_while_the_axis_accelerates_is_nothing() -> None:
+    bench = Bench()
+    bench.operate(0x2000)
+    for velocity in range(0, 2900, 10):
+        at_limit(bench, 0x2000, velocity=velocity, cycles=1)
+        assert (bench.stepper.reason, bench.stepper.warning) == (None, 0)
+
+
 @pytest.mark.parametrize("speed", [0, -0x0800])
 def test_setpoint_through_0_or_off_the_limit_switch_ends_the_limit(speed: int) -> None:
     bench = Bench()

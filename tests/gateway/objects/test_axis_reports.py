@@ -39,14 +39,14 @@ class Steps:
 
     def __init__(self, axis: Axis) -> None:
         self.axis = axis
-        self.now = 0
+        self.speed = self.now = 0
 
     def __call__(self, word: int, *shown: State | int) -> None:
         for item in shown:
             self.now += 4 * MS
             status = STATUS_OF[item] if isinstance(item, State) else item
             self.axis.drive.feedback.statusword = status
-            self.axis.step((word, 0), self.now)
+            self.axis.step((word, self.speed), self.now)
 
     def enable(self) -> None:
         self(0x400, State.SWITCH_ON_DISABLED)
@@ -100,10 +100,18 @@ def test_a_disable_by_the_plc_is_not_a_warning(steps: Steps) -> None:
     assert steps.numbers == []
 
 
-def test_an_internal_limit_is_logged_at_its_beginning_and_is_the_reason(steps: Steps) -> None:
+LIMITED = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT
+HALF_SECOND = 126
+"""Cycles."""
+
+
+def test_an_internal_limit_that_slows_the_axis_is_logged_and_is_the_reason(steps: Steps) -> None:
     steps.enable()
-    limited = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT
-    steps(ON, limited, limited)
+    steps(ON, *[LIMITED] * HALF_SECOND)
+    assert not steps.numbers, "it follows its setpoint of 0"
+    steps.speed = 0x1000
+    steps.axis.drive.feedback.velocity_actual = 300
+    steps(ON, *[LIMITED] * 2 * HALF_SECOND)
     assert steps.numbers == [112]
     assert steps.axis.outputs.warning == 1 << 112 - FIRST_WARNING, "P953"
     assert steps.axis.reason is Reason.INTERNAL_LIMIT
@@ -212,7 +220,9 @@ def test_the_log_has_each_reason_fault_and_message_of_the_node_once(
     steps(ON, *[State.OPERATION_ENABLED] * 5)
     steps.axis.on_node_event(DriveEvent("status", "operational, configuration 1", time_ns=1))
     steps(ON, *[State.OPERATION_ENABLED] * 2)
-    steps(ON, *[STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT] * 3)
+    steps.speed = 0x1000
+    steps.axis.drive.feedback.velocity_actual = 300
+    steps(ON, *[LIMITED] * HALF_SECOND)
     steps(ON, *[State.SWITCHED_ON] * 3)
     told = [(record.levelname, getattr(record, "event", ""), record.getMessage()) for record in caplog.records]
     first = told.index(("INFO", "reason", "axis 7: In operation"))
@@ -252,7 +262,9 @@ def test_a_setpoint_the_drive_does_not_accept_is_warning_119_and_the_reason(step
     assert steps.numbers == [119]
     assert steps.axis.outputs.warning == 1 << 119 - FIRST_WARNING, "P953"
     assert steps.axis.reason is Reason.SET_POINT_REFUSED
-    steps(ON, STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT)
+    steps.speed = 0x1000
+    steps.axis.drive.feedback.velocity_actual = 300
+    steps(ON, *[LIMITED] * HALF_SECOND)
     assert steps.axis.outputs.warning == warning_bits(FaultNumber.SET_POINT, FaultNumber.INTERNAL_LIMIT)
     steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.outputs.warning == warning_bits(FaultNumber.SET_POINT), "each ends by itself"

@@ -27,7 +27,6 @@ from pdgw.gateway.axis.demand_report import Demand, MotionDemand, PowerWish, Spe
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.executor import LimitWatch
 from pdgw.gateway.axis.executors.positions.homing import Homing
-from pdgw.gateway.axis.executors.positions.limits import Stall
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
@@ -43,7 +42,7 @@ from pdgw.gateway.axis.values import Answer, Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.positioner import RISING, BasicPositioner, Positioner
 from pdgw.gateway.motion.requests import Motion, PositionerFeedback
-from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course, UserCourse
+from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_LEFT_NS, Course, Stall, UserCourse
 from pdgw.profidrive.frame import SignOfLife
 
 OF: Final[dict[type, dict[str, Any]]] = {
@@ -55,7 +54,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     PositionerAdapter: {"ASIDE": frozenset({"_last"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},
-    LimitWatch: {"INSTANTS": {"_since": LIMIT_STANDING_NS}},
+    LimitWatch: {"INSTANTS": {"_since": LIMIT_LEFT_NS}},
     DscExecutor: {"INSTANTS": {"_last_frame_ns": SECOND}},
     Homing: {"INSTANTS": lambda item: {"_started": item._latency}},
     ModeSwitch: {"INSTANTS": {"since": MODE_CONFIRM_NS}, "PASSING": frozenset({"asked"})},
@@ -64,7 +63,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "PASSING": frozenset({"_position_objects"}),
     },
     PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},
-    Stall: {"INSTANTS": lambda item: {"_since": item._time}},
+    Stall: {"INSTANTS": lambda item: {"_since": item.time}},
     RawExecutor: {"ASIDE": frozenset({"_last"})},
     SpeedExecutor: {"ASIDE": frozenset({"_wire", "_value", "_limited"})},
     Interlock: {
@@ -154,7 +153,6 @@ OF: Final[dict[type, dict[str, Any]]] = {
     PositionerFeedback: {"SERIALS": frozenset({"given", "taken", "executing"}), "PASSING": frozenset({"bits"})},
     Motion: {"SERIALS": frozenset({"serial", "first"})},
     Course: {
-        "INSTANTS": {"_limit_since": LIMIT_STANDING_NS},
         "PASSING": frozenset({"seen"}),
         "SERIALS": frozenset({"sent"}),
     },

@@ -13,10 +13,10 @@ from pdgw.dsp402.objects import HOMING_METHOD, HOMING_SPEEDS
 from pdgw.dsp402.states import StatusBit
 from pdgw.durations import MS
 from pdgw.gateway.axis.executors.executor import Executor
-from pdgw.gateway.axis.executors.positions.limits import Stall
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.motion.requests import HomingResult
+from pdgw.gateway.motion.travel import Stall
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
 _START_NS: Final = 50 * MS

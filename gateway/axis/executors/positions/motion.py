@@ -15,15 +15,15 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.demand_report import STATE_MASK, MotionDemand, Report
-from pdgw.gateway.axis.executors.executor import OPERATION_ENABLED, AxisRecords, Executor
+from pdgw.gateway.axis.executors.executor import AT_LIMIT, AT_LIMIT_TEXT, OPERATION_ENABLED, AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.homing import Homing
-from pdgw.gateway.axis.executors.positions.limits import Stall
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, PositionerRequest, Seen
 from pdgw.gateway.motion.states import State
+from pdgw.gateway.motion.travel import Stall
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
 HALT = ControlBit.HALT
@@ -187,6 +187,10 @@ class MotionExecutor(Executor):
             bits |= Seen.INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
         reason = positioner.step(self._asked.motion, inputs.now)
+        if positioner.course.held is Reason.TASK_AT_LIMIT:
+            self.outputs.warn(FaultNumber.INTERNAL_LIMIT, AT_LIMIT_TEXT)
+        else:
+            self.outputs.end_warnings(AT_LIMIT)
         self._blocked = False
         if operates:
             mode.asked = False
