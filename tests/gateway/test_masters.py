@@ -248,7 +248,7 @@ def test_write_of_another_tool_stops_the_drive_while_an_answer_is_awaited() -> N
         world_of(daemon).bus(CHANNEL).join("another tool").send(SDO_REQUEST + 1, _download(0x607E, 0, b"\x40"))
         plc.exchange(10)
         assert model.controlword & 0x4 == 0, "Quick Stop"
-        assert plc.state() & 0x8, "a fault"
+        assert plc.value("ZSW1") & 0x8, "a fault"
 
 
 def test_preset_of_another_tool_makes_the_position_of_an_encoder_invalid() -> None:

@@ -73,7 +73,9 @@ class BrakeMonitor:
         ramp = cw & ENABLE == ENABLE and (before.ramp or plc.word & ENABLE != ENABLE)
         stop = cw & _STOPS != _STOPS
         ignores, ignored = _ignored(before, shown, state, cw, max(_LEAVE, self._still + 2))
-        off2 = ignores > 0 and (before.off2 or (plc.setpoints is not None and plc.word & _STOPS in (0x0, 0x4)))
+        off2 = ignores > 0 and (
+            before.off2 or (shown.ok and plc.setpoints is not None and plc.word & _STOPS in (0x0, 0x4))
+        )
         ends = ignores == 0 and (shown.ok or before.since == 0)
         since = 0 if ends else min(before.since + 1, self._still + 2)
         if off2 and not before.off2 and ignores > _REACTION:
