@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon, Service
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.log_budget import LogBudget
 from pdgw.gateway.parameters.acyclic import record_service
 from pdgw.gateway.platform import Platform
 from pdgw.gateway.service.operating_system import ServiceManager
@@ -53,6 +54,7 @@ def build_gateway(
 
 def _services(daemon: Daemon, name: str) -> Iterator[Service]:
     transport = daemon.config.transport
+    yield LogBudget(daemon.loop)
     yield record_service(daemon)
     if not daemon.platform.has_services:
         return

@@ -245,7 +245,8 @@ class DriveObject(abc.ABC):
             self._happened(text, stops=self._operated and shown is not None)
             self._operated = shown is None
             self._shown_reason = shown
-            log.info("%s: %s", self.label, enable_status.sentence, extra={"event": "reason", "do": self.do_id})
+            cause = {"event": "reason", "do": self.do_id, "reason": "" if shown is None else shown.name}
+            log.info("%s: %s", self.label, enable_status.sentence, extra=cause)
 
     def _report(self, events: Events) -> None:
         for record in events.faults:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def log_put_back() -> Iterator[None]:
-    """Afterwards the loggers that commands change are as they were: handlers and level of the root, the levels of others."""
+    """Afterwards the loggers that commands and gateways change are as they were: handlers of the root, levels, no filter."""
     root = logging.getLogger()
     handlers = list(root.handlers)
     levels = [(logger, logger.level) for logger in (root, logging.getLogger("gateway"), logging.getLogger("canopen"))]
@@ -17,5 +17,6 @@ def log_put_back() -> Iterator[None]:
         yield
     finally:
         root.handlers[:] = handlers
+        logging.getLogger("gateway").filters.clear()
         for logger, level in levels:
             logger.setLevel(level)

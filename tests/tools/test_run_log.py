@@ -25,7 +25,7 @@ from pdgw.ds301.counters import Counters
 from pdgw.durations import SECOND
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.tools.recording import recorder
-from pdgw.tools.service.log_format import AT_ONCE, Bundle, LogFormat, LogLevel, formatter
+from pdgw.tools.service.log_format import LogFormat, LogLevel, formatter
 from pdgw.tools.service.run_log import RunLog, on_signals
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.gateways.daemon import Plc, axis, configuration, running, until, world_of
@@ -256,99 +256,6 @@ def test_the_journal_gets_levels_and_no_second_date(monkeypatch: pytest.MonkeyPa
         assert formatter(LogFormat.AUTO, to_file=True).format(record("x")).startswith("19")
         monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino + 1}")
         assert formatter(LogFormat.AUTO, to_file=False).format(record("x")).startswith("19")
-
-
-def test_repeated_lines_are_written_once_and_counted() -> None:
-    bundle = Bundle()
-    assert texts(bundle.take(record("a"))) == ["a"]
-    assert bundle.take(record("a", 1)) == bundle.take(record("a", 2)) == []
-    assert texts(bundle.take(record("b", 3))) == ["a (2 times more)", "b"]
-    assert texts(bundle.take(record("b", 3, logging.ERROR))) == ["b"]  # another level is another thing
-    assert bundle.take(record("b", 4, logging.ERROR)) == []
-    assert bundle.due(5) == []
-    assert texts(bundle.due(14)) == ["b (once more)"]
-    assert bundle.due(30) == bundle.flush() == []
-    assert texts(bundle.take(record("a", 31))) == ["a"]
-    assert texts(bundle.take(record("b", 32))) == ["b"]
-
-
-def test_endlessly_repeated_line_is_reported_every_ten_seconds() -> None:
-    bundle = Bundle()
-    told = [item for second in range(60) for item in bundle.take(record("again", second))]
-    assert texts(told) == ["again", *["again (11 times more)"] * 5]
-
-
-def fault(text: str, seconds: float, number: int = 101, do: int = 1) -> logging.LogRecord:
-    made = record(text, seconds, logging.ERROR)
-    made.__dict__.update(event="fault", do=do, fault=number)
-    return made
-
-
-def test_a_storm_of_emcy_is_limited_and_counted() -> None:
-    """6000 different EMCY of a drive in 3 s; another drive's fault and another fault number are written at once."""
-    bundle = Bundle()
-    written = []
-    for number in range(6000):
-        written += bundle.take(fault(f"EMCY {number}", number / 2000))
-        if number == 3000:
-            written += bundle.take(fault("other drive", 1.5, do=2))
-            written += bundle.take(fault("other fault", 1.5, number=106))
-    written += bundle.due(5)
-    assert len(written) <= AT_ONCE + 4
-    assert {"other drive", "other fault"} <= set(texts(written))
-    written += bundle.due(14)
-    assert "EMCY 5999" in texts(written)[-1]
-    storm = [text for text in texts(written) if "EMCY" in text]
-    counted = sum(int(text.split()[0]) for text in storm if "omitted" in text)
-    assert counted + sum("omitted" not in text for text in storm) == 6000
-    assert bundle.flush() == bundle.due(60) == []
-    assert texts(bundle.take(fault("later", 100))) == ["later"]
-
-
-def test_reason_that_toggles_for_an_hour_is_a_line_and_a_count_every_ten_seconds() -> None:
-    bundle = Bundle()
-    written = []
-    for second in range(3600):
-        made = record(f"axis 1: {'Waits' if second % 2 else 'In operation'}, since {second}", second)
-        made.__dict__.update(event="reason", do=1)
-        written += bundle.take(made)
-    assert texts(written)[:AT_ONCE] == [text for text in texts(written)[:AT_ONCE] if "omitted" not in text]
-    assert len(written) <= AT_ONCE + 2 * 360
-
-
-@pytest.mark.parametrize("step_s", [-86_400, 86_400])
-def test_clock_step_does_not_delay_counts(step_s: int) -> None:
-    bundle = Bundle()
-    for number in range(AT_ONCE + 2):
-        bundle.take(fault(f"EMCY {number}", 100_000))
-    for _ in range(2):
-        bundle.take(record("again", 100_000))
-    assert texts(bundle.due(100_001 + step_s)) == [
-        "again (once more)",
-        f"2 similar lines omitted, the last: EMCY {AT_ONCE + 1}",
-    ]
-
-
-def test_a_storm_of_lines_without_an_event_is_limited_by_its_place_in_the_code() -> None:
-    bundle = Bundle()
-    assert len([text for number in range(1000) for text in bundle.take(record(f"line {number}"))]) == AT_ONCE
-    other = record("another place")
-    other.lineno += 1
-    assert texts(bundle.take(other)) == ["another place"]
-    assert texts(bundle.flush()) == [f"{1000 - AT_ONCE} similar lines omitted, the last: line 999"]
-
-
-def test_repetitions_at_the_end_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.tools.service.log_format._FLUSH_S", PATIENCE_S)
-    path = tmp_path / "log"
-    run_log = RunLog(LogLevel.INFO, path)
-    for _ in range(1000):
-        logging.getLogger("gateway").info("the same")
-    run_log.stop()
-    assert [line.split("INFO")[1].strip() for line in path.read_text().splitlines()] == [
-        "the same",
-        "the same (999 times more)",
-    ]
 
 
 def test_renamed_log_file_is_reopened_without_a_signal(tmp_path: Path) -> None:

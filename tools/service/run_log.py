@@ -12,7 +12,6 @@ import select
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,14 +21,12 @@ from rich.logging import RichHandler
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.errors import writing
 from pdgw.tools.recording import recorder
-from pdgw.tools.service.log_format import Bundle, LogFormat, LogLevel, formatter
+from pdgw.tools.service.log_format import LogFormat, LogLevel, formatter
 
 log = logging.getLogger("gateway")
 
 _LINES = 10_000
 """Capacity of the queue of log records."""
-_WAIT_S = 1.0
-"""Interval of checking for due reports while no records arrive, in seconds."""
 _PATIENCE_MS = 1000
 _LONGEST_LINE = 2000
 """Longest line on standard error: a pipe that is ready accepts this much at once."""
@@ -50,35 +47,21 @@ class _ToQueue(logging.handlers.QueueHandler):
 
 
 class _FromQueue(logging.handlers.QueueListener):
-    """Bundles repeated lines. Its end waits for a limited time."""
+    """Its end waits for a limited time."""
 
     def __init__(self, records: queue.Queue[logging.LogRecord], handler: logging.Handler) -> None:
         super().__init__(records, handler)
         self._records = records
-        self._bundle = Bundle()
         self.left = 0
         """Lines still waiting at the end."""
 
-    def dequeue(self, block: bool) -> logging.LogRecord:
-        while True:
-            try:
-                return self._records.get(block, timeout=_WAIT_S)
-            except queue.Empty:
-                if not block:
-                    raise
-                self._write(self._bundle.due(time.time()))
-
     def handle(self, record: logging.LogRecord) -> None:
-        self._write(self._bundle.take(record))
-
-    def _write(self, records: list[logging.LogRecord]) -> None:
-        for record in records:
-            try:
-                super().handle(record)
-            except OSError:
-                # The folder of the log file is missing or its disk is full. The next line tries again.
-                for handler in self.handlers:
-                    handler.handleError(record)
+        try:
+            super().handle(record)
+        except OSError:
+            # The folder of the log file is missing or its disk is full. The next line tries again.
+            for handler in self.handlers:
+                handler.handleError(record)
 
     def enqueue_sentinel(self) -> None:
         self._records.put(self._sentinel, timeout=recorder.END_S)  # type: ignore[attr-defined]
@@ -96,8 +79,6 @@ class _FromQueue(logging.handlers.QueueListener):
         self._thread = None
         if thread.is_alive():
             self.left = self._records.qsize()  # including the sentinel, which counts as the line being written
-        else:
-            self._write(self._bundle.flush())
 
 
 class _WhenReady(logging.Filter):

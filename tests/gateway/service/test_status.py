@@ -19,6 +19,7 @@ from pdgw.gateway.axis.values import FaultRecord, gateway_fault
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.identity import build_text
+from pdgw.gateway.log_budget import LogBudget
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason, warning_bits
@@ -302,7 +303,7 @@ def test_a_library_user_gets_parameters_status_and_flight_recorder(tmp_path: Pat
     gateway = pdgw.build_gateway(pdgw.parse_config(text(free_tcp_port(), tmp_path)), name="line-3")
     try:
         kinds = [type(service) for service in gateway.services]
-        assert kinds == [AcyclicServer, FlightRecorder, StatusServer, ServiceManager]
+        assert kinds == [LogBudget, AcyclicServer, FlightRecorder, StatusServer, ServiceManager]
         assert {path.stem for path in tmp_path.iterdir()} == {"line-3"}
     finally:
         for service in gateway.services:
@@ -312,7 +313,7 @@ def test_a_library_user_gets_parameters_status_and_flight_recorder(tmp_path: Pat
 
 def test_a_gateway_in_a_world_serves_parameters_and_opens_nothing_of_this_computer(tmp_path: Path) -> None:
     gateway = pdgw.build_gateway(pdgw.parse_config(text(free_tcp_port(), tmp_path)), pdgw.World())
-    assert [type(service) for service in gateway.services] == [AcyclicServer]
+    assert [type(service) for service in gateway.services] == [LogBudget, AcyclicServer]
     assert list(tmp_path.iterdir()) == []
 
 

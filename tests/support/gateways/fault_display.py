@@ -19,8 +19,11 @@ _WORDS = ("ZSW1", "ZSW2_ENC")
 
 
 def drive_state(zsw1: int) -> int:
-    """ZSW1 bits 0 to 2 and 6, and bit 3 only of a drive in fault: of any other it shows a fault that is not acknowledged."""
-    return zsw1 & 0x47 or zsw1 & _FAULT
+    """ZSW1 bits 0 to 2 and 6, and bit 3 only of a drive in fault: of any other it shows a fault that is not acknowledged.
+
+    Of -1, for values that are not valid, all of them.
+    """
+    return zsw1 & 0x4F if zsw1 < 0 else zsw1 & 0x47 or zsw1 & _FAULT
 
 
 class FaultDisplay:
