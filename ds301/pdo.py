@@ -15,7 +15,7 @@ from types import CodeType
 from typing import Any, Final
 
 from pdgw.ds301.aborts import CanopenError
-from pdgw.ds301.objects import Entry
+from pdgw.ds301.objects import Entry, ObjectAddress
 
 PDO_BYTES = 8
 """Size limit of a PDO in bytes."""
@@ -193,3 +193,31 @@ class PdoLayout:
     """Attributes of the objects that operation does not need, each with what the device does or shows without its object."""
     cyclic_only: frozenset[str] = frozenset()
     """Those of them that are left out where no PDO has room for them: read by SDO they would be too old."""
+
+
+@dataclass(frozen=True, slots=True)
+class PdoSlot:
+    """One PDO that a device has, as its data sheet shows it."""
+
+    number: int
+    cob_id: int | None
+    """Default of sub-index 1 without its flags; None where the data sheet gives none."""
+    cob_id_writable: bool
+    mapping: tuple[int, ...]
+    """Default mapping: index, sub-index, bits of each object in one number."""
+    mapping_writable: bool
+    event_timer: bool
+    """Sub-index 5 can be written: the PDO comes (of an RPDO: is missed) after this time."""
+
+
+@dataclass(frozen=True, slots=True)
+class PdoCapabilities:
+    """Possible contents of PDOs."""
+
+    rpdos: tuple[PdoSlot, ...] = ()
+    tpdos: tuple[PdoSlot, ...] = ()
+    mappable: frozenset[ObjectAddress] = frozenset()
+    """Addresses of the objects the data sheet allows in a PDO."""
+
+    def is_mappable(self, entry: Entry) -> bool:
+        return entry.address in self.mappable

@@ -10,6 +10,7 @@ from typing import Final
 
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.objects import Entry, ObjectAddress
+from pdgw.ds301.pdo import PdoCapabilities
 from pdgw.dsp402.modes import Mode
 
 
@@ -143,34 +144,6 @@ class Scaling:
 
 
 @dataclass(frozen=True, slots=True)
-class PdoSlot:
-    """One PDO a drive has, as its data sheet shows it."""
-
-    number: int
-    cob_id: int | None
-    """Default of sub-index 1 without its flags; None where the data sheet gives none."""
-    cob_id_writable: bool
-    mapping: tuple[int, ...]
-    """Default mapping: index, sub-index, bits of each object in one number."""
-    mapping_writable: bool
-    event_timer: bool
-    """Sub-index 5 can be written: the PDO comes (of an RPDO: is missed) after this time."""
-
-
-@dataclass(frozen=True, slots=True)
-class PdoCapabilities:
-    """Possible contents of PDOs."""
-
-    rpdos: tuple[PdoSlot, ...] = ()
-    tpdos: tuple[PdoSlot, ...] = ()
-    mappable: frozenset[tuple[int, int]] = frozenset()
-    """Addresses of the objects the data sheet allows in a PDO."""
-
-    def is_mappable(self, entry: Entry) -> bool:
-        return entry.address in self.mappable
-
-
-@dataclass(frozen=True, slots=True)
 class Turntable:
     """A mode that positions within one revolution and takes its direction from bits of the Controlword."""
 
@@ -214,7 +187,7 @@ class DriveType:
     """Values of 6060h it offers, with their names."""
     homing_methods: Mapping[int, str]
     """Values of 6098h it offers, with what they search for."""
-    pdos: PdoCapabilities = PdoCapabilities()
+    pdos: PdoCapabilities = field(default_factory=PdoCapabilities)
     faults: Mapping[int, DriveFault] = field(default_factory=dict)
     """Faults by the manufacturer's number."""
     quirks: Quirks = Quirks()

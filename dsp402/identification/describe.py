@@ -12,12 +12,10 @@ from typing import Final
 import canopen
 from canopen.objectdictionary import ODVariable
 
-from pdgw.ds301.bus.can_frame import EXTENDED_ID
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
-from pdgw.ds301.configuration import EVENT_TIMER
+from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectAddress
-from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
-from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
+from pdgw.dsp402.drive_type import DriveType, Quirks
 from pdgw.dsp402.identification.overlay import Overlay, overlay, overlay_for, units_of
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import (
@@ -49,7 +47,6 @@ OPTIONAL_OBJECTS: Final = frozenset(
     if entry is not None
 )
 """What operation does not need: the device is asked whether it has them, whatever its data sheet says."""
-_MAPPED_OBJECTS = 8
 _TYPES = {item.code: item for item in CanType}
 _INTEGERS = {
     (item.bits, item.char.islower()): item
@@ -116,7 +113,7 @@ def describe(
         scaling=scaling,
         modes=MappingProxyType(modes),
         homing_methods=MappingProxyType(_homing_methods(entries, answers, family)),
-        pdos=_pdo_capabilities(dictionary),
+        pdos=pdo_capabilities(dictionary),
         faults=MappingProxyType(dict(family.drive_faults) if family else {}),
         quirks=quirks,
         max_torque=answers.get(MAX_TORQUE, 0),
@@ -153,17 +150,6 @@ def described_by_sheet(
     identity = {IDENTITY_VENDOR: information.vendor_number, IDENTITY_PRODUCT: information.product_number}
     values = {address: value for address, value in identity.items() if value}
     return describe(dictionary, answers_of_defaults(dictionary) | values, units, family_name)
-
-
-def variable(dictionary: canopen.ObjectDictionary, index: int, subindex: int = 0) -> ODVariable | None:
-    """The data sheet's entry at an address, None where it has none."""
-    if index not in dictionary:
-        return None
-    item = dictionary[index]
-    if isinstance(item, ODVariable):
-        return item if subindex == 0 else None
-    found: ODVariable | None = item.subindices.get(subindex)
-    return found
 
 
 def signed(dictionary: canopen.ObjectDictionary, address: ObjectAddress) -> bool:
@@ -262,45 +248,3 @@ def _homing_methods(
         values = list(family.homing_methods)
     low, high = entries["homing_method"].limits
     return {method: texts.get(method, "") for method in values or STANDARD_HOMING_METHODS if low <= method <= high}
-
-
-def _pdo_capabilities(dictionary: canopen.ObjectDictionary) -> PdoCapabilities:
-    mappable = {
-        (item.index, item.subindex)
-        for top in dictionary.values()
-        for item in ([top] if isinstance(top, ODVariable) else top.values())
-        if item.pdo_mappable
-    }
-    return PdoCapabilities(
-        _slots(dictionary, PdoDirection.RPDO), _slots(dictionary, PdoDirection.TPDO), frozenset(mappable)
-    )
-
-
-def _slots(dictionary: canopen.ObjectDictionary, direction: PdoDirection) -> tuple[PdoSlot, ...]:
-    communication, mapping = direction.communication_index, direction.mapping_index
-    return tuple(
-        _slot(dictionary, number, communication + number - 1, mapping + number - 1)
-        for number in range(1, PDOS_MAX + 1)
-        if communication + number - 1 in dictionary
-    )
-
-
-def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int, mapping: int) -> PdoSlot:
-    cob_id = variable(dictionary, communication, 1)
-    count = variable(dictionary, mapping)
-    mapped = [variable(dictionary, mapping, sub) for sub in range(1, _MAPPED_OBJECTS + 1)]
-    values = [item.default for item in mapped if item is not None and isinstance(item.default, int) and item.default]
-    if count is not None and isinstance(count.default, int):
-        values = values[: count.default]
-    return PdoSlot(
-        number,
-        cob_id.default & EXTENDED_ID if cob_id is not None and isinstance(cob_id.default, int) else None,
-        _writable(cob_id),
-        tuple(values),
-        _writable(count),
-        _writable(variable(dictionary, communication, EVENT_TIMER)),
-    )
-
-
-def _writable(item: ODVariable | None) -> bool:
-    return item is not None and bool(item.writable)

@@ -11,6 +11,7 @@ from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 from pdgw.ds301.aborts import SdoCommunicationError
 from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VENDOR, communication_objects, pdo_objects
 from pdgw.ds301.eds.importer import import_eds
+from pdgw.ds301.eds.pdos import variable
 from pdgw.ds301.node.sdo import Inquiry
 from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
@@ -20,7 +21,6 @@ from pdgw.dsp402.identification.describe import (
     describe,
     questions,
     signed,
-    variable,
 )
 from pdgw.dsp402.identification.overlay import overlay, overlay_for
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FURTHER_OBJECTS, PDOS

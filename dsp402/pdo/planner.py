@@ -10,8 +10,17 @@ from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES, SdoStep
 from pdgw.ds301.node.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.ds301.objects import CanType, Entry, ObjectAddress
-from pdgw.ds301.pdo import COB_ID_INVALID, PDO_BYTES, Pdo, PdoDirection, PdoLayout, is_communication_parameter, pdo_of
-from pdgw.dsp402.drive_type import DriveType, Dsp402Error, PdoSlot
+from pdgw.ds301.pdo import (
+    COB_ID_INVALID,
+    PDO_BYTES,
+    Pdo,
+    PdoDirection,
+    PdoLayout,
+    PdoSlot,
+    is_communication_parameter,
+    pdo_of,
+)
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 from pdgw.dsp402.pdo.layouts import without
 

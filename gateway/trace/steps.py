@@ -31,6 +31,7 @@ _KIND: Final = ""
 _VALUE: Final = "is"
 HOMES: Final = (
     "pdgw.ds301.objects",
+    "pdgw.ds301.pdo",
     "pdgw.dsp402.drive_type",
     "pdgw.gateway.axis.executors.sensor",
     "pdgw.gateway.axis.settings",

@@ -158,8 +158,8 @@ def _drive_of(result: EdsImport | EdsError) -> DriveType | None:
 def _notes(result: EdsImport | EdsError) -> list[str]:
     """What a usable file describes instead of a drive, and where it contradicts itself."""
     from pdgw.ds301.communication import DEVICE_TYPE, IDENTITY, profile_of
+    from pdgw.ds301.eds.pdos import variable
     from pdgw.ds301.eds.text import EdsError
-    from pdgw.dsp402.identification.describe import variable
     from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 
     if isinstance(result, EdsError):
