@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from types import CodeType
@@ -193,6 +193,14 @@ class PdoLayout:
     """Attributes of the objects that operation does not need, each with what the device does or shows without its object."""
     cyclic_only: frozenset[str] = frozenset()
     """Those of them that are left out where no PDO has room for them: read by SDO they would be too old."""
+    essential: frozenset[str] = frozenset()
+    """Attributes of the objects that get a PDO before all others, whatever the data sheet says; at most one of each direction."""
+
+    @property
+    def entries(self) -> Iterator[Entry]:
+        """All objects."""
+        for pdo in (*self.rpdos, *self.tpdos):
+            yield from pdo.entries
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from pdgw.ds301.aborts import NOT_THERE, SdoAbortedError
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.node.configuring import ConfiguringAccess
 from pdgw.ds301.node.node import TpdoSlot
+from pdgw.ds301.node.planner import DeviceMapping
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import CanType, Entry, ObjectAddress
 from pdgw.ds301.sdo_transfer import Upload
@@ -19,7 +20,6 @@ from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.identification.describe import signed
 from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.objects import MODE, MODE_DISPLAY, POSITION_ACTUAL
-from pdgw.dsp402.pdo.planner import DriveMapping
 from pdgw.dsp402.states import State, state_of
 from pdgw.dsp402.units.units import UnitWatch
 from pdgw.durations import MS, SECOND
@@ -136,7 +136,7 @@ class Place:
 class TpdoCheck:
     """Of one drive. An object that is found is dropped from the ``mapping``."""
 
-    def __init__(self, sdo: SdoAccess, mapping: DriveMapping) -> None:
+    def __init__(self, sdo: SdoAccess, mapping: DeviceMapping) -> None:
         self._sdo = sdo
         self._mapping = mapping
         self._places: list[Place] = []

@@ -31,6 +31,7 @@ from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.planner import DeviceMapping
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.dsp402.drive.checks import ModeCheck, TpdoCheck, UnitCheck
@@ -54,7 +55,7 @@ from pdgw.dsp402.objects import (
     POSITIONING_OPTION,
     STATUSWORD,
 )
-from pdgw.dsp402.pdo.planner import DriveMapping
+from pdgw.dsp402.pdo.planner import plan_pdos
 from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, State, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.dsp402.units.units import UnitWatch
@@ -119,7 +120,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._notify)
         """Sends the parts of each command."""
         network.on_drop.append(self.rpdos.send_again)
-        self._mapping = DriveMapping(sdo.read_number)
+        self._mapping = DeviceMapping(sdo.read_number)
         self._tpdos = TpdoCheck(sdo, self._mapping)
         self.units = UnitCheck(sdo, feedback, lambda: self._acyclic_read, self._units_changed)
         """Reads its units, and its position if no TPDO contains it."""
@@ -268,7 +269,7 @@ class DriveClient(NodeClient[DriveSettings]):
             self._notify("status", line)
         if self.settings.tasks:
             drive.require_profile_position()
-        self._mapping.survey(drive, found)
+        self._mapping.survey(drive.pdos, found)
         return self._planned()
 
     def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
@@ -278,10 +279,11 @@ class DriveClient(NodeClient[DriveSettings]):
     def _planned(self) -> PdoPlan:
         assert self.drive_type is not None
         settings = self.settings
-        return self._mapping.plan(
+        return plan_pdos(
             self.layout,
             self.drive_type,
             settings.node_id,
+            self._mapping.findings,
             sync=settings.sync,
             sync_rpdos=settings.sync_period_us > 0,
         )

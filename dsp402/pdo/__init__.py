@@ -1,1 +1,1 @@
-"""PDO layouts, the planner that adapts them to a drive, and the check of values."""
+"""PDO layouts, and their plan for one drive."""

@@ -1,109 +1,41 @@
-"""The plan of a drive's PDOs, and its inputs during configuration."""
+"""The PDO plan of a drive: the objects that this drive has for its telegram, and what it cannot be operated without."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import replace
 
-from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.bus.can_frame import STANDARD_ID
-from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES, SdoStep
-from pdgw.ds301.node.plan import Pace, PdoPlan, PlannedPdo
-from pdgw.ds301.objects import CanType, Entry, ObjectAddress
-from pdgw.ds301.pdo import (
-    COB_ID_INVALID,
-    PDO_BYTES,
-    Pdo,
-    PdoDirection,
-    PdoLayout,
-    PdoSlot,
-    is_communication_parameter,
-    pdo_of,
-)
+from pdgw.ds301.node import planner
+from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.planner import Findings
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import PdoDirection, PdoLayout
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
-from pdgw.dsp402.pdo.layouts import without
+from pdgw.dsp402.pdo.layouts import with_objects, without
 
-# Plans the PDOs of a drive: what its owner needs, put into what this drive has.
-#
-# Source: CiA DS 301 (PDO parameters), CiA 402 (pre-defined PDOs), docs/translation.md "PDO layouts". Pure: the data sheet's
-# part is in the ``DriveType``, what the device itself has answered since is ``Findings``. Left out: bit-granular mappings.
-#
 # The Controlword is the last object of its RPDO and its RPDO the last that is sent: a drive that applies objects in the order
 # of the mapping would start toward the previous target.
 
 
-Key = tuple[PdoDirection, int]
-"""Direction and number of a PDO."""
-_ESSENTIAL = {CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE}
-_OBJECTS = 8
-_COB_IDS = range(0x181, 0x580)
-_DUMMIES = 0x20
-"""Objects below this are data types: place holders in a mapping."""
-
-
-@dataclass
-class Findings:
-    """Answers of a device beyond its data sheet."""
-
-    present: set[Key] = field(default_factory=set)
-    """PDOs it has."""
-    cob_ids: dict[Key, int] = field(default_factory=dict)
-    """Sub-index 1 of each as it was found."""
-    fixed: dict[Key, tuple[int, ...]] = field(default_factory=dict)
-    """Mappings that cannot be written, as they are."""
-    kept: set[Key] = field(default_factory=set)
-    """COB-IDs that cannot be written."""
-    dead: set[Key] = field(default_factory=set)
-    """PDOs that are not valid and cannot be made so."""
-    most: dict[Key, int] = field(default_factory=dict)
-    """Maximum number of objects in it."""
-    unmappable: set[ObjectAddress] = field(default_factory=set)
-    timerless: set[Key] = field(default_factory=set)
-    """TPDOs whose event timer cannot be set."""
-    types: dict[Key, int] = field(default_factory=dict)
-    """Transmission types that cannot be written, as they are."""
-    dropped: set[ObjectAddress] = field(default_factory=set)
-    """Objects accepted in a mapping whose values never arrived."""
-
-
-def found_in_data_sheet(drive: DriveType) -> Findings:
-    """Facts of the data sheet about a device that was not read yet."""
-    findings = Findings()
-    for direction, slots in ((PdoDirection.RPDO, drive.pdos.rpdos), (PdoDirection.TPDO, drive.pdos.tpdos)):
-        for slot in slots:
-            key = direction, slot.number
-            findings.present.add(key)
-            if slot.cob_id is not None:
-                findings.cob_ids[key] = slot.cob_id
-            if not slot.mapping_writable:
-                findings.fixed[key] = slot.mapping
-            if not slot.cob_id_writable:
-                findings.kept.add(key)
-    return findings
+_ESSENTIAL = {PdoDirection.RPDO: CONTROL_ATTRIBUTE, PdoDirection.TPDO: STATUS_ATTRIBUTE}
 
 
 def plan_pdos(
     needs: PdoLayout, drive: DriveType, node_id: int, findings: Findings, *, sync: bool, sync_rpdos: bool = False
 ) -> PdoPlan:
-    """The plan for what the owner ``needs``; ``sync``: TPDOs wait for the gateway's SYNC, ``sync_rpdos``: RPDOs too.
+    """As ``ds301.node.planner.plan_pdos``.
 
     Dsp402Error when Controlword or Statusword have no PDO, or the drive lacks an object that is not optional.
     """
-    notes = list(not_available(needs, drive))
-    shared = drive, node_id, findings, notes
-    needs = without(needs, {entry.attribute for entry in _missing(needs, drive)})
-    rpdos, written = _Direction(PdoDirection.RPDO, needs, *shared, sync=sync_rpdos).planned()
-    tpdos, read = _Direction(PdoDirection.TPDO, needs, *shared, sync=sync).planned()
-    # Read values that are sent only on change by SDO as well: a lost frame would otherwise stay undetected.
-    read += [
-        Pdo(entry_pdo.direction, entry_pdo.number, (entry,))
-        for entry_pdo in (item.pdo for item in tpdos if item.pace is Pace.CHANGE)
-        for entry in entry_pdo.entries
-        if entry.attribute
-    ]
-    last_first = sorted(rpdos, key=lambda item: (CONTROL_ATTRIBUTE in item.pdo.attributes, -item.pdo.number))
-    return PdoPlan(tuple(last_first), tuple(tpdos), tuple(written), tuple(read), tuple(notes))
+    notes = not_available(needs, drive)
+    needs = _fitted(without(needs, {entry.attribute for entry in _missing(needs, drive)}), drive)
+    plan = planner.plan_pdos(needs, drive.pdos, node_id, findings, sync=sync, sync_rpdos=sync_rpdos)
+    carried = {name for item in (*plan.rpdos, *plan.tpdos) for name in item.pdo.attributes}
+    for direction, essential in _ESSENTIAL.items():
+        if essential not in carried:
+            raise _without(direction, drive.entry(essential), findings)
+    return replace(plan, notes=(*notes, *plan.notes))
 
 
 def not_available(needs: PdoLayout, drive: DriveType) -> tuple[str, ...]:
@@ -113,338 +45,34 @@ def not_available(needs: PdoLayout, drive: DriveType) -> tuple[str, ...]:
 
 
 def _missing(needs: PdoLayout, drive: DriveType) -> list[Entry]:
-    entries = [entry for pdo in (*needs.rpdos, *needs.tpdos) for entry in pdo.entries]
-    return [entry for entry in entries if entry.attribute in needs.optional and not drive.has(entry.attribute)]
+    return [entry for entry in needs.entries if entry.attribute in needs.optional and not drive.has(entry.attribute)]
 
 
-class _Direction:
-    """The plan of one direction; ``planned`` is called once."""
-
-    def __init__(
-        self,
-        direction: PdoDirection,
-        needs: PdoLayout,
-        drive: DriveType,
-        node_id: int,
-        findings: Findings,
-        notes: list[str],
-        *,
-        sync: bool,
-    ) -> None:
-        self.optional = needs.optional
-        self.cyclic_only = needs.cyclic_only
-        self.direction = direction
-        self.needs = needs.rpdos if direction is PdoDirection.RPDO else needs.tpdos
-        self.drive = drive
-        self.node_id = node_id
-        self.findings = findings
-        self.notes = notes
-        self.sync = sync
-        self.essential = CONTROL_ATTRIBUTE if direction is PdoDirection.RPDO else STATUS_ATTRIBUTE
-        slots = drive.pdos.rpdos if direction is PdoDirection.RPDO else drive.pdos.tpdos
-        self.slots = {slot.number: slot for slot in slots if self._is_usable(slot)}
-        self.fixed = {number: self._mapping(number) for number in self.slots if self._is_fixed(number)}
-
-    def _key(self, number: int) -> Key:
-        return self.direction, number
-
-    def _is_usable(self, slot: PdoSlot) -> bool:
-        key = self._key(slot.number)
-        if key not in self.findings.present or key in self.findings.dead:
-            return False
-        return self._own_cob_id(slot.number) is not None or self.findings.cob_ids.get(key, 0) in _COB_IDS
-
-    def _own_cob_id(self, number: int) -> int | None:
-        """The COB-ID the gateway gives a PDO; None for one that has none of its own."""
-        direction, node_id = self.direction, self.node_id
-        return direction.cob_id(number, node_id) if direction.has_cob_id(number, node_id) else None
-
-    def _is_fixed(self, number: int) -> bool:
-        return self._key(number) in self.findings.fixed
-
-    def _mapping(self, number: int) -> tuple[int, ...]:
-        return self.findings.fixed[self._key(number)]
-
-    # -- assignment -------------------------------------------------------------------------------------------------------
-
-    def planned(self) -> tuple[list[PlannedPdo], list[Pdo]]:
-        """PDOs, and by SDO the rest."""
-        groups = [self._fitted(pdo) for pdo in self.needs]
-        free = [number for number in sorted(self.slots) if number not in self.fixed]
-        pdos: list[Pdo] = []
-        left: list[tuple[int, Entry]] = []
-        for pdo, group in zip(self.needs, groups, strict=True):
-            carried, rest = self._into(pdo, group, free)
-            if carried is not None:
-                free.remove(carried.number)
-                pdos.append(carried)
-            left += [(pdo.number, entry) for entry in rest if entry.attribute not in self.cyclic_only]
-            self.notes += [
-                f"{entry} not available in a PDO: {self.optional[entry.attribute]}"
-                for entry in rest
-                if entry.attribute in self.cyclic_only
-            ]
-        adopted = self._adopt(
-            [entry for _, entry in left], has_essential=any(self.essential in pdo.attributes for pdo in pdos)
-        )
-        taken = {attribute for pdo in adopted for attribute in pdo.attributes}
-        left = [(number, entry) for number, entry in left if entry.attribute not in taken]
-        if any(entry.attribute == self.essential for _, entry in left):
-            raise self._without_essential()
-        fixed = {pdo.number for pdo in adopted}
-        planned = [self._planned(pdo, adopted=pdo.number in fixed) for pdo in (*pdos, *adopted)]
-        return planned, [Pdo(self.direction, number, (entry,)) for number, entry in left]
-
-    def _fitted(self, pdo: Pdo) -> list[Entry]:
-        """The objects this drive has for what travels in a PDO."""
-        entries = self.drive.entries
-        return [entries.get(item.attribute) or self._lacking(item) for item in pdo.entries]
-
-    def _lacking(self, entry: Entry) -> Entry:
-        raise Dsp402Error(
-            str(entry) if entry.index else entry.name,
-            "not an object of this drive",
-            "a drive with this object: the telegram needs it",
-        )
-
-    def _is_mappable(self, entry: Entry) -> bool:
-        address = entry.address
-        findings = self.findings
-        if address in findings.unmappable or address in findings.dropped:
-            return False
-        return entry.attribute in _ESSENTIAL or self.drive.pdos.is_mappable(entry)
-
-    def _into(self, pdo: Pdo, group: Sequence[Entry], free: Sequence[int]) -> tuple[Pdo | None, list[Entry]]:
-        """Assign a group to the PDO of its number, else to the next free one. Also return the objects left over."""
-        requested = [entry for entry in group if self._is_mappable(entry)]
-        number = pdo.number if pdo.number in free else self._spare(free)
-        if number is None and any(entry.attribute == self.essential for entry in group):
-            number = min(free, default=None)
-        fixed = self.fixed.get(pdo.number)
-        if fixed == tuple(entry.mapping for entry in group):
-            return None, list(group)  # used as it is
-        if number is None or not requested:
-            return None, list(group)
-        most = self.findings.most.get(self._key(number), _OBJECTS)
-        kept = _fitting(requested, most, self.essential)
-        return Pdo(self.direction, number, tuple(kept)), [entry for entry in group if entry not in kept]
-
-    def _spare(self, free: Sequence[int]) -> int | None:
-        """A PDO no group has by its number."""
-        named = {pdo.number for pdo in self.needs}
-        return next((number for number in free if number not in named), None)
-
-    # -- mappings of the device ---------------------------------------------------------------------------------------------
-
-    def _adopt(self, left: Sequence[Entry], *, has_essential: bool) -> list[Pdo]:
-        """Fixed PDOs for the remaining objects, the most useful first; every object of an RPDO must be known."""
-        dropped = self.findings.dropped
-        requested = {entry.address: entry for entry in left if entry.address not in dropped}
-        adopted: list[Pdo] = []
-        while requested:
-            found = [
-                (self._gain(pdo, requested), -pdo.number, pdo)
-                for number, mapping in self.fixed.items()
-                if number not in {item.number for item in adopted}
-                and (pdo := self._carried(number, mapping, requested)) is not None
-            ]
-            if self.direction is PdoDirection.RPDO:
-                found = [item for item in found if (CONTROL_ATTRIBUTE in item[2].attributes) is not has_essential]
-            if not found:
-                break
-            _, _, best = max(found)
-            adopted.append(best)
-            has_essential = True
-            carried = set(best.attributes)
-            requested = {address: entry for address, entry in requested.items() if entry.attribute not in carried}
-        return adopted
-
-    def _gain(self, pdo: Pdo, requested: Mapping[ObjectAddress, Entry]) -> int:
-        """The value of a fixed PDO: the essential word counts most, then the first objects of the layout."""
-        order = [entry.attribute for entry in requested.values()]
-        worth = sum(1 << (len(order) - order.index(name)) for name in pdo.attributes)
-        return worth + (1 << len(order) + 1 if self.essential in pdo.attributes else 0)
-
-    def _carried(self, number: int, mapping: tuple[int, ...], requested: Mapping[ObjectAddress, Entry]) -> Pdo | None:
-        """A fixed PDO with gaps for unneeded objects; None if it cannot be used."""
-        entries: list[Entry] = []
-        bits = 0
-        for item in mapping:
-            address, size = (item >> 16, item >> 8 & 0xFF), item & 0xFF
-            entry = requested.get(address)
-            bits += size
-            if entry is not None and entry.type.bits == size:
-                entries.append(entry)
-            elif size % 8 or (self.direction is PdoDirection.RPDO and address[0] >= _DUMMIES):
-                return None
-            else:
-                entries += [Entry(*address, "", CanType.U8)] * (size // 8)
-        if not any(entry.attribute for entry in entries) or bits > PDO_BYTES * 8:
-            return None
-        return Pdo(self.direction, number, tuple(entries))
-
-    def _without_essential(self) -> Dsp402Error:
-        word = self.drive.entry(self.essential)
-        index = self.direction.mapping_index
-        there = [f"{index + number - 1:04X}h with {_named(mapping)}" for number, mapping in self.fixed.items()]
-        return Dsp402Error(
-            "PDOs of the drive",
-            f"no {self.direction.label} for {word}" + (f": fixed are {'; '.join(there)}" if there else ""),
-            f"a PDO that can be mapped, or one whose mapping has {word.index:04X}h and only objects of the telegram",
-        )
-
-    # -- how it travels -----------------------------------------------------------------------------------------------------
-
-    def _planned(self, pdo: Pdo, *, adopted: bool) -> PlannedPdo:
-        key = self._key(pdo.number)
-        findings = self.findings
-        own = self._own_cob_id(pdo.number)
-        kept = key in findings.kept or own is None
-        cob_id = findings.cob_ids[key] & STANDARD_ID if kept or own is None else own
-        pace, type_ = self._pace(self.slots[pdo.number])
-        return PlannedPdo(pdo, cob_id, pace, type_, adopted, kept)
-
-    def _pace(self, slot: PdoSlot) -> tuple[Pace, int]:
-        key = self._key(slot.number)
-        given = self.findings.types.get(key)
-        if self.direction is PdoDirection.RPDO:
-            if given is not None and given in SYNC_TYPES:
-                if not self.sync:
-                    self.notes.append(
-                        f"RPDO{slot.number} is processed on SYNC: its transmission type cannot be written"
-                    )
-                return Pace.SYNC, given
-            if self.sync:
-                if given is not None:
-                    raise Dsp402Error(
-                        f"RPDO{slot.number} transmission type", given, "1: the telegram needs setpoints on SYNC"
-                    )
-                return Pace.SYNC, EVERY_SYNC
-            return Pace.AT_ONCE, EVENT_DRIVEN_PROFILE if given is None else given
-        if given is not None and given in SYNC_TYPES:
-            if not self.sync:
-                self.notes.append(f"TPDO{slot.number} on SYNC: its transmission type cannot be written")
-            return Pace.SYNC, given
-        if self.sync and given is None:
-            return Pace.SYNC, EVERY_SYNC
-        if slot.event_timer and key not in self.findings.timerless:
-            return Pace.TIMER, EVENT_DRIVEN_PROFILE if given is None else given
-        if given is None:
-            index = self.direction.communication_index + slot.number - 1
-            self.notes.append(f"TPDO{slot.number} on SYNC: it has no event timer ({index:04X}h/{EVENT_TIMER})")
-            return Pace.SYNC, EVERY_SYNC
-        self.notes.append(
-            f"TPDO{slot.number} on change only: neither event timer nor SYNC can be set; heartbeat and SDO "
-            "monitor the drive"
-        )
-        return Pace.CHANGE, given
+def _fitted(needs: PdoLayout, drive: DriveType) -> PdoLayout:
+    """With the objects that this drive has for what travels in the PDOs."""
+    for entry in needs.entries:
+        if not drive.has(entry.attribute):
+            raise Dsp402Error(
+                str(entry) if entry.index else entry.name,
+                "not an object of this drive",
+                "a drive with this object: the telegram needs it",
+            )
+    return replace(with_objects(needs, drive.entries), essential=frozenset(_ESSENTIAL.values()))
 
 
-def _fitting(entries: Sequence[Entry], most: int, essential: str) -> list[Entry]:
-    """As many as go into one PDO, in their order; the essential one in any case."""
-    first = [entry for entry in entries if entry.attribute == essential]
-    size = sum(entry.type.bits // 8 for entry in first)
-    kept = list(first)
-    for entry in entries:
-        if entry in first:
-            continue
-        size += entry.type.bits // 8
-        if size > PDO_BYTES or len(kept) >= most:
-            break
-        kept.append(entry)
-    return [entry for entry in entries if entry in kept]
+def _without(direction: PdoDirection, word: Entry, findings: Findings) -> Dsp402Error:
+    index = direction.mapping_index
+    there = [
+        f"{index + number - 1:04X}h with {_named(mapping)}"
+        for (fixed, number), mapping in findings.fixed.items()
+        if fixed is direction
+    ]
+    return Dsp402Error(
+        "PDOs of the drive",
+        f"no {direction.label} for {word}" + (f": fixed are {'; '.join(there)}" if there else ""),
+        f"a PDO that can be mapped, or one whose mapping has {word.index:04X}h and only objects of the telegram",
+    )
 
 
 def _named(mapping: Iterable[int]) -> str:
     return ", ".join(f"{item >> 16:04X}h" for item in mapping) or "nothing"
-
-
-# Inputs of the PDO plan during configuration: the data sheet, and the refusals of the drive.
-#
-# Source: CiA DS 301 V4.02 chapter 7.5.2.36. After each refusal, the plan is made again without the refused item.
-
-
-ReadNumber = Callable[[int, int], int]
-_NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_STORE_DEVICE_STATE)
-"""Aborts caused by the present state of the drive; they prove nothing about its capabilities."""
-
-
-class DriveMapping:
-    """The findings about one drive. ``read`` reads a number by SDO."""
-
-    def __init__(self, read: ReadNumber) -> None:
-        self._read = read
-        self._findings = Findings()
-
-    def survey(self, drive: DriveType, cob_ids: Mapping[int, int]) -> None:
-        """Start again with the existing PDOs. An object that was never received is still not trusted."""
-        findings = self._findings = Findings(dropped=self._findings.dropped)
-        for index, cob_id in cob_ids.items():
-            key = pdo_of(index)
-            findings.present.add(key)
-            findings.cob_ids[key] = cob_id
-        for direction, slots in ((PdoDirection.RPDO, drive.pdos.rpdos), (PdoDirection.TPDO, drive.pdos.tpdos)):
-            for slot in slots:
-                if (key := (direction, slot.number)) not in findings.present:
-                    continue
-                if not slot.mapping_writable:
-                    findings.fixed[key] = self._mapped(key)
-                if not slot.cob_id_writable:
-                    valid = not findings.cob_ids[key] & COB_ID_INVALID
-                    (findings.kept if valid else findings.dead).add(key)
-
-    def plan(self, needs: PdoLayout, drive: DriveType, node_id: int, *, sync: bool, sync_rpdos: bool) -> PdoPlan:
-        """As ``plan_pdos``."""
-        return plan_pdos(needs, drive, node_id, self._findings, sync=sync, sync_rpdos=sync_rpdos)
-
-    def drop(self, address: ObjectAddress) -> None:
-        """An object that the drive accepts in a mapping but does not send."""
-        self._findings.dropped.add(address)
-
-    def learn(self, step: SdoStep, error: SdoAbortedError) -> bool:
-        """Learn from a refused write; False if that is not new, or does not concern the drive's PDOs."""
-        if error.code in _NOT_NOW:
-            return False
-        key = pdo_of(step.index)
-        if is_communication_parameter(step.index):
-            return self._learn_communication(key, step)
-        return self._learn_mapping(key, step)
-
-    def _learn_communication(self, key: Key, step: SdoStep) -> bool:
-        findings = self._findings
-        if step.is_cob_id:
-            findings.cob_ids[key] = self._read(step.index, step.subindex)
-            valid = not findings.cob_ids[key] & COB_ID_INVALID
-            known = findings.kept if valid else findings.dead
-            new = key not in known
-            known.add(key)
-        elif step.is_transmission_type:
-            new = key not in findings.types
-            findings.types[key] = self._read(step.index, step.subindex)
-        else:
-            new = step.subindex == EVENT_TIMER and key not in findings.timerless
-            findings.timerless.add(key)
-        return new
-
-    def _learn_mapping(self, key: Key, step: SdoStep) -> bool:
-        findings = self._findings
-        if step.subindex:
-            address = step.value >> 16, step.value >> 8 & 0xFF
-            new = address not in findings.unmappable
-            findings.unmappable.add(address)
-        elif step.value > 1:
-            findings.most[key] = step.value - 1
-            new = True
-        else:
-            new = key not in findings.fixed
-            findings.fixed[key] = self._mapped(key)
-        return new
-
-    def _mapped(self, key: Key) -> tuple[int, ...]:
-        """The mapping of a PDO as it is."""
-        direction, number = key
-        index = direction.mapping_index + number - 1
-        try:
-            return tuple(self._read(index, subindex) for subindex in range(1, self._read(index, 0) + 1))
-        except SdoAbortedError:
-            return ()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.planner import found_in_data_sheet
 from pdgw.ds301.pdo import PdoLayout
 from pdgw.dsp402.drive.images import DriveFeedback
-from pdgw.dsp402.drive_type import DriveType, Dsp402Error
+from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.pdo import planner
-from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
+from pdgw.dsp402.pdo.planner import plan_pdos
 from pdgw.durations import MS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
@@ -48,7 +50,7 @@ def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str
         return lacking
     try:
         planned(drive, number, settings=settings)
-    except Dsp402Error as error:
+    except CanopenError as error:
         return str(error)
     return ""
 
@@ -62,10 +64,10 @@ def missing_lines(drive: DriveType, *numbers: int, settings: AxisSettings = _USU
 def planned(
     drive: DriveType, number: int, node_id: int = 1, *, sync: bool = False, settings: AxisSettings = _USUAL
 ) -> PdoPlan:
-    """The planned PDOs, by the data sheet; Dsp402Error if no plan is possible."""
+    """The planned PDOs, by the data sheet; CanopenError if no plan is possible."""
     cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS)
     needs = _needs(number, settings)
-    return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
+    return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive.pdos), sync=sync or cyclic, sync_rpdos=cyclic)
 
 
 def not_available(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> tuple[str, ...]:

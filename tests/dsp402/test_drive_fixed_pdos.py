@@ -210,7 +210,7 @@ def test_fixed_pdos_that_do_not_carry_what_is_needed_are_named(
         (
             (0x1800, 5),
             500,
-            "TPDO1 on change only: neither event timer nor SYNC can be set; heartbeat and SDO monitor the drive",
+            "TPDO1 on change only: neither event timer nor SYNC can be set; heartbeat and SDO monitor the device",
         ),
     ],
 )

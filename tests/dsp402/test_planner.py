@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
+from pdgw.ds301.node.planner import Findings, found_in_data_sheet
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from pdgw.dsp402.drive.client import load_eds
 from pdgw.dsp402.drive.guarding import guard_steps
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.identification.describe import answers_of_defaults, describe
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.dsp402.pdo.planner import Findings, found_in_data_sheet, plan_pdos
+from pdgw.dsp402.pdo.planner import plan_pdos
 from pdgw.peers.drive import SHAPES
 from tests.support.axis.mapping import engel_layout, pdo_steps
 from tests.support.drives.drive_types import described
@@ -28,7 +29,7 @@ ENGEL = described("engel")
 
 
 def plan(operation: Operation, findings: Findings | None = None, drive: DriveType = ENGEL) -> PdoPlan:
-    return plan_pdos(LAYOUTS[operation], drive, NODE, findings or found_in_data_sheet(drive), sync=False)
+    return plan_pdos(LAYOUTS[operation], drive, NODE, findings or found_in_data_sheet(drive.pdos), sync=False)
 
 
 def mapped(pdo: Pdo) -> tuple[PdoDirection, int, list[int], tuple[str, ...]]:
@@ -77,7 +78,7 @@ def test_value_of_a_family_is_mapped_to_the_object_of_that_family() -> None:
 def test_a_drive_without_a_value_of_a_family_is_refused_by_the_name_of_the_value_alone() -> None:
     drive = described("rpm")
     with pytest.raises(Dsp402Error, match=r"^Dynamic Speed Limit: 'not an object of this drive'"):
-        plan_pdos(LAYOUTS[Operation.TRANSPARENT], drive, NODE, found_in_data_sheet(drive), sync=False)
+        plan_pdos(LAYOUTS[Operation.TRANSPARENT], drive, NODE, found_in_data_sheet(drive.pdos), sync=False)
 
 
 @pytest.mark.parametrize("operation", list(Operation))
@@ -127,7 +128,7 @@ def test_predefined_pdos_that_are_fixed_are_adopted_and_the_rest_goes_by_sdo() -
 
 
 def test_rpdo_with_an_object_without_a_value_is_not_used() -> None:
-    findings = found_in_data_sheet(ENGEL)
+    findings = found_in_data_sheet(ENGEL.pdos)
     findings.fixed = dict.fromkeys(findings.present, ())
     findings.fixed[RPDO, 1] = (0x6040_0010, 0x6071_0010)
     findings.fixed[RPDO, 2] = (0x0005_0008, 0x6040_0010)
@@ -141,14 +142,14 @@ def test_rpdo_with_an_object_without_a_value_is_not_used() -> None:
 
 
 def test_without_any_pdo_for_the_controlword_the_drive_is_refused_with_what_it_has() -> None:
-    findings = found_in_data_sheet(ENGEL)
+    findings = found_in_data_sheet(ENGEL.pdos)
     findings.fixed = {(RPDO, number): (0x6071_0010,) for number in range(1, 6)}
     with pytest.raises(Dsp402Error, match="no RPDO for Controlword 6040h: fixed are 1600h with 6071h; 1601h"):
         plan(Operation.VELOCITY, findings)
 
 
 def test_objects_that_cannot_be_mapped_go_by_sdo() -> None:
-    findings = found_in_data_sheet(ENGEL)
+    findings = found_in_data_sheet(ENGEL.pdos)
     findings.unmappable |= {(0x607A, 0), (0x6061, 0)}
     found = plan(Operation.POSITIONING, findings)
     assert [entry.index for group in found.written for entry in group.entries] == [0x607A]
@@ -157,7 +158,7 @@ def test_objects_that_cannot_be_mapped_go_by_sdo() -> None:
 
 
 def test_a_pdo_takes_no_more_objects_than_the_drive_allows_and_keeps_the_controlword() -> None:
-    findings = found_in_data_sheet(ENGEL)
+    findings = found_in_data_sheet(ENGEL.pdos)
     findings.most[RPDO, 1] = 1
     found = plan(Operation.VELOCITY, findings)
     assert found.rpdos[-1].pdo.attributes == ("controlword",)
@@ -168,7 +169,7 @@ def test_a_pdo_takes_no_more_objects_than_the_drive_allows_and_keeps_the_control
     [(True, None, Pace.TIMER), (False, None, Pace.SYNC), (False, 255, Pace.CHANGE), (True, 1, Pace.SYNC)],
 )
 def test_transmission_type_of_a_tpdo_is_one_the_drive_supports(timer: bool, type_: int | None, pace: Pace) -> None:
-    findings = found_in_data_sheet(ENGEL)
+    findings = found_in_data_sheet(ENGEL.pdos)
     if not timer:
         findings.timerless.add((TPDO, 1))
     if type_ is not None:
@@ -184,7 +185,7 @@ def test_transmission_type_of_a_tpdo_is_one_the_drive_supports(timer: bool, type
 def test_cob_ids_that_cannot_be_written_are_kept_and_others_beyond_the_fifth_too() -> None:
     slots = [replace(slot, number=slot.number + 20) if slot.number > 1 else slot for slot in ENGEL.pdos.rpdos]
     drive = replace(ENGEL, pdos=replace(ENGEL.pdos, rpdos=tuple(slots)))
-    findings = found_in_data_sheet(drive)
+    findings = found_in_data_sheet(drive.pdos)
     findings.kept.add((RPDO, 1))
     findings.cob_ids |= {(RPDO, 1): 0x4000_0321, (RPDO, 22): 0x333, (RPDO, 23): 0x8000_0000}
     found = plan(Operation.POSITIONING, findings, drive)
@@ -208,7 +209,7 @@ def test_any_findings_give_a_plan_with_everything_or_a_refusal(
     timerless: set[tuple[PdoDirection, int]],
     operation: Operation,
 ) -> None:
-    findings = found_in_data_sheet(ENGEL)
+    findings = found_in_data_sheet(ENGEL.pdos)
     findings.present -= absent
     findings.fixed = dict.fromkeys(fixed, (0x6040_0010,)) | {key: (0x6041_0010,) for key in fixed if key[0] is TPDO}
     findings.unmappable |= unmappable
@@ -282,7 +283,7 @@ def test_every_data_sheet_has_its_plan() -> None:
 def test_the_plan_of_telegram_1_is_what_the_data_sheet_allows(name: str) -> None:
     drive = _drive(name)
     assert drive.scaling.reference(Quantity.SPEED) == 3000
-    found = plan_pdos(LAYOUTS[Operation.VELOCITY], drive, NODE, found_in_data_sheet(drive), sync=False)
+    found = plan_pdos(LAYOUTS[Operation.VELOCITY], drive, NODE, found_in_data_sheet(drive.pdos), sync=False)
     assert found.lines == PLANS[name]
 
 
@@ -290,7 +291,7 @@ def test_the_plan_of_telegram_1_is_what_the_data_sheet_allows(name: str) -> None
 def test_positioning_is_refused_with_the_object_that_is_missing(name: str) -> None:
     drive = _drive(name)
     with pytest.raises(Dsp402Error, match="Target Position 607Ah: 'not an object of this drive'"):
-        plan_pdos(LAYOUTS[Operation.POSITIONING], drive, NODE, found_in_data_sheet(drive), sync=False)
+        plan_pdos(LAYOUTS[Operation.POSITIONING], drive, NODE, found_in_data_sheet(drive.pdos), sync=False)
 
 
 # -- the SDO writes ---------------------------------------------------------------------------------------------------

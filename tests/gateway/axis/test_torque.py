@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from pdgw.ds301.node.planner import found_in_data_sheet
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
+from pdgw.dsp402.pdo.planner import plan_pdos
 from pdgw.gateway.axis.values import NodeNotice, Notice
 from pdgw.gateway.motion.requests import namur_word
 from pdgw.gateway.reasons import FaultNumber
@@ -214,7 +215,7 @@ def test_drive_without_actual_current_operates() -> None:
     drive = engel()
     entries = {name: entry for name, entry in drive.entries.items() if name != "current_actual"}
     lacking = drive.__class__(**{**{f: getattr(drive, f) for f in drive.__dataclass_fields__}, "entries": entries})
-    found = found_in_data_sheet(lacking)
+    found = found_in_data_sheet(lacking.pdos)
     plan = plan_pdos(LAYOUTS[Operation.VELOCITY_WITH_LOAD], lacking, 1, found, sync=False)
     carried = [pdo.pdo.attributes for pdo in plan.tpdos]
     assert carried == [("statusword", "velocity_actual"), ("velocity_demand",)]
