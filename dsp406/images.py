@@ -9,8 +9,6 @@ from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.dsp406.kinds import CHANNELS_MAX, Dsp406Error, Operating
 from pdgw.dsp406.objects import (
-    AREA_STATE,
-    CAM_STATE,
     MEASURING_STEPS,
     OFFSET,
     OPERATING_PARAMETERS,
@@ -29,12 +27,11 @@ from pdgw.dsp406.objects import (
 # PDO layouts of encoders: one TPDO per channel, with the values the device can map.
 #
 # Source: CiA DSP 406 V2.0 chapter 7; 1800h is used without SYNC (type 254, cyclic timer), 1802h with SYNC (type 1). The
-# profile maps the position alone; speed, area and cam state are added where the device says that they can be mapped.
+# profile maps the position alone; the speed is added where the device says that it can be mapped.
 
 
 _ROWS: dict[int, ProfileObject] = {row.index: row for row in PROFILE}
-_FURTHER = (SPEED, AREA_STATE, CAM_STATE)
-CYCLIC = (POSITION, POSITION_MULTI_SENSOR, *_FURTHER)
+CYCLIC = (POSITION, POSITION_MULTI_SENSOR, SPEED)
 """Objects that the TPDOs of a layout may carry."""
 _NUMBERS = {False: (1, 2, 3, 4), True: (3, 4, 1, 2)}
 """TPDO numbers in the order in which channels take them, without and with SYNC."""
@@ -65,8 +62,8 @@ def encoder_layout(mappable: Collection[tuple[int, int]], channels: Sequence[int
             raise Dsp406Error(
                 "encoder channel", channel, "an encoder whose position (6004h, 6020h) can be mapped to a PDO"
             )
-        further = [(index, channel) for index in _FURTHER if (index, channel) in mappable]
-        tpdos.append(Pdo(PdoDirection.TPDO, number, tuple(entry(*item) for item in (position, *further))))
+        speed = [item for item in mappable if item == (SPEED, channel)]
+        tpdos.append(Pdo(PdoDirection.TPDO, number, tuple(entry(*item) for item in (position, *speed))))
     return PdoLayout((), tuple(tpdos))
 
 
@@ -78,15 +75,13 @@ def encoder_layout(mappable: Collection[tuple[int, int]], channels: Sequence[int
 class ChannelFeedback:
     """Cyclic values of one channel (TPDO objects), updated in place."""
 
-    __slots__ = ("area_state", "cam_state", "position", "speed")
+    __slots__ = ("position", "speed")
 
     def __init__(self) -> None:
         self.position = 0
         """6004h (Unsigned32) or 6020h (Integer32), in measuring units."""
         self.speed = 0
         """6030h in measuring units per second, of a linear encoder in steps of 6005h/2; saturates at the Integer16 limits."""
-        self.cam_state = 0
-        self.area_state = 0
 
 
 class EncoderFeedback:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 _DRIVE_CYCLE_US = 1000
 """A drive updates its values once a millisecond."""
-_POSITION_SIZE = 8
-"""Bytes of an encoder's TPDO with position, speed, area and cam state."""
+_POSITION_SIZE = 6
+"""Bytes of an encoder's TPDO with position and speed."""
 _TPDOS = 4
 """TPDOs with a COB-ID of the pre-defined connection set."""
 _SDO_SIZE = 8

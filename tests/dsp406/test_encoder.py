@@ -88,7 +88,7 @@ def test_start_up_maps_the_pdos_sets_the_timer_and_reads_the_parameters(plant: P
     plant.online()
     node = encoder.node
     assert node.state is NmtState.OPERATIONAL
-    assert [node.read(0x1A00, n) for n in range(5)] == [4, 0x6004_0020, 0x6030_0110, 0x6400_0108, 0x6300_0108]
+    assert [node.read(0x1A00, n) for n in range(3)] == [2, 0x6004_0020, 0x6030_0110]
     assert [node.read(0x1800, n) for n in (1, 2)] == [0x180 + NODE, 254]
     assert node.read(0x1802, 1) == 0x8000_0380 + NODE
     assert (node.read(0x6200), node.read(0x1017)) == (10, 100)
@@ -301,7 +301,7 @@ def _with(plant: Plant, fault: str, **values: int) -> None:
     ("fault", "values", "text"),
     [
         ("fixed-pdo-mapping", {}, "TPDO1 without mapping .*attempt to write a read-only object"),
-        ("mapping-abort", {}, "TPDO1 has 4 objects .*parameter incompatibility"),
+        ("mapping-abort", {}, "TPDO1 has 2 objects .*parameter incompatibility"),
         ("wrong-identity", {}, "1018h"),
         ("object-missing", {"index": 0x6501}, "object 6501h/0.*does not exist"),
         ("object-missing", {"index": 0x6200}, "cyclic timer .*does not exist"),
