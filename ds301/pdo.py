@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from types import CodeType
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.objects import Entry, ObjectAddress
@@ -208,14 +208,16 @@ class PdoSlot:
     """One PDO that a device has, as its data sheet shows it."""
 
     number: int
-    cob_id: int | None
+    cob_id: int | None = None
     """Default of sub-index 1 without its flags; None where the data sheet gives none."""
-    cob_id_writable: bool
-    mapping: tuple[int, ...]
+    cob_id_writable: bool = True
+    mapping: tuple[int, ...] = ()
     """Default mapping: index, sub-index, bits of each object in one number."""
-    mapping_writable: bool
-    event_timer: bool
+    mapping_writable: bool = True
+    event_timer: bool = True
     """Sub-index 5 can be written: the PDO comes (of an RPDO: is missed) after this time."""
+    type: int | None = None
+    """Default transmission type; None where the data sheet gives none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,6 +228,14 @@ class PdoCapabilities:
     tpdos: tuple[PdoSlot, ...] = ()
     mappable: frozenset[ObjectAddress] = frozenset()
     """Addresses of the objects the data sheet allows in a PDO."""
+    common_timer: bool = False
+    """Another object is the event timer of all TPDOs."""
+
+    @classmethod
+    def of(cls, layout: PdoLayout) -> Self:
+        """Those of a device that has the PDOs of a layout and can map its objects."""
+        rpdos, tpdos = (tuple(PdoSlot(pdo.number) for pdo in pdos) for pdos in (layout.rpdos, layout.tpdos))
+        return cls(rpdos, tpdos, frozenset(entry.address for entry in layout.entries))
 
     def is_mappable(self, entry: Entry) -> bool:
         return entry.address in self.mappable

@@ -5,8 +5,8 @@ What every node needs is in ``ds301.node.client``; this adds the encoder's PDOs,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -17,16 +17,24 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
+from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.node.client import ACYCLIC_FAILURES, SHORTEST_EMCY, NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings
-from pdgw.ds301.node.plan import PdoPlan, plan_steps, straight_plan
+from pdgw.ds301.node.plan import Pace, PdoPlan
+from pdgw.ds301.node.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.pdo import Pdo, PdoCapabilities
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.faults import ENCODER_EMCY
-from pdgw.dsp406.images import CYCLIC, PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters, encoder_layout
+from pdgw.dsp406.images import (
+    PARAMETER_OBJECTS,
+    EncoderFeedback,
+    EncoderParameters,
+    position_of,
+    speed_of,
+)
 from pdgw.dsp406.kinds import ENCODER_PROFILE, ROTARY, Dsp406Error, EncoderDevice
 from pdgw.dsp406.objects import (
     ALARMS,
@@ -35,6 +43,7 @@ from pdgw.dsp406.objects import (
     POSITION_MULTI_SENSOR,
     WARNINGS,
 )
+from pdgw.dsp406.pdos import encoder_layout
 from pdgw.durations import MS
 
 EncoderEvent = NodeEvent
@@ -49,7 +58,7 @@ class EncoderSettings(NodeSettings):
     """Choices for one encoder; times in milliseconds. ``tpdo_event_ms`` is its cyclic timer 6200h (1..65535)."""
 
     channels: tuple[int, ...] = (1,)
-    """The channels to exchange, 1..254; those of a multi-sensor device after the fourth are read by SDO."""
+    """The channels to exchange, 1..254; those for which the device has no TPDO are read by SDO."""
     device: EncoderDevice = ROTARY
     """Whose EDS is taken when ``eds`` is None."""
     diagnosis_ms: int = 200
@@ -64,12 +73,29 @@ def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     return dictionary
 
 
-def _has(dictionary: canopen.ObjectDictionary, index: int, subindex: int) -> bool:
-    """Whether the EDS declares this very entry; canopen makes up missing elements of arrays."""
-    if index not in dictionary:
-        return False
-    declared = dictionary[index]
-    return subindex in getattr(declared, "subindices", (0,))
+class EncoderSheet:
+    """The PDOs of an encoder by its data sheet. Dsp406Error for a data sheet or for channels that cannot be used."""
+
+    def __init__(self, settings: EncoderSettings) -> None:
+        self.settings = settings
+        self.dictionary = load_eds(settings.eds or eds_path(settings.device), settings.node_id)
+        found = pdo_capabilities(self.dictionary)
+        self.capabilities = replace(found, common_timer=CYCLIC_TIMER in self.dictionary)
+        self.layout = encoder_layout(self.dictionary, found, settings.channels, sync=settings.sync)
+
+    def plan(self, findings: Findings | None = None) -> PdoPlan:
+        """The plan for an encoder that gave these answers; None: for one that does what its data sheet says.
+
+        Event-driven TPDOs have the type of the profile, 254: the encoder sends them by its cyclic timer.
+        """
+        return plan_pdos(
+            self.layout,
+            self.capabilities,
+            self.settings.node_id,
+            found_in_data_sheet(self.capabilities) if findings is None else findings,
+            sync=self.settings.sync,
+            event_driven=EVENT_DRIVEN_MANUFACTURER,
+        )
 
 
 class EncoderClient(NodeClient[EncoderSettings]):
@@ -84,32 +110,30 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.parameters: EncoderParameters | None = None
         """Read while configuring; None before."""
         self._diagnosed = 0
-        self._read_times: dict[int, int] = {}
+        self._read_times: dict[str, int] = {}
+        """When the values that are read by SDO were read last, by image attribute."""
         self._round_ns = 0
         self._diagnose = False
         self._unread = 0
         """So often in a row alarms and warnings could not be read."""
-        dictionary = load_eds(settings.eds or eds_path(settings.device), settings.node_id)
-        super().__init__(network, settings, self._layout(dictionary, settings), dictionary, on_event)
+        self._sheet = sheet = EncoderSheet(settings)
+        super().__init__(network, settings, sheet.layout, sheet.dictionary, self.feedback.image, on_event)
 
-    @property
-    def has_speed(self) -> bool:
-        """The encoder sends its speed (6030h); otherwise ``speed`` in the feedback stays 0."""
-        return any("speed" in pdo.attributes for pdo in self.layout.tpdos)
+    def has_speed(self, channel: int) -> bool:
+        """The encoder sends the speed of a channel (6030h); otherwise ``speed`` in the feedback stays 0."""
+        return self.plan is not None and speed_of(channel) in self.plan.shown
 
     def position_time(self, channel: int) -> int:
         """When the position of a channel arrived, monotonic nanoseconds; 0 before the first."""
-        image = self.feedback.channel(channel)
-        for slot in self._slots:
-            if slot.image is image:
-                return slot.time
-        return self._read_times.get(channel, 0)
+        name = position_of(channel)
+        sent = (slot.time for slot in self._slots if name in slot.pdo.attributes)
+        return max([self._read_times.get(name, 0), *sent])
 
     def refresh(self, now: int) -> bool:
-        """Cyclic: as for every node, and no position that is read by SDO may be overdue either."""
+        """Cyclic: as for every node, and no value that is read by SDO may be overdue either."""
         fresh = super().refresh(now)
-        channels = map(self._channel_of, self._acyclic_tpdos)
-        return fresh and all(now - self._read_times.get(channel, 0) <= self._read_age_ns for channel in channels)
+        names = (name for pdo in self._acyclic_tpdos for name in pdo.attributes)
+        return fresh and all(now - self._read_times.get(name, 0) <= self._read_age_ns for name in names)
 
     @property
     def _read_age_ns(self) -> int:
@@ -121,9 +145,6 @@ class EncoderClient(NodeClient[EncoderSettings]):
         """Longest age of a position that counts."""
         return max(self._timeout_ns, self._read_age_ns) if self._acyclic_tpdos else self._timeout_ns
 
-    def _channel_of(self, pdo: Pdo) -> int:
-        return self.settings.channels[self.layout.tpdos.index(pdo)]
-
     # -- the node's task ------------------------------------------------------------------------------------------------
 
     def read_parameters(self) -> EncoderParameters:
@@ -131,39 +152,23 @@ class EncoderClient(NodeClient[EncoderSettings]):
         values = {
             name: self.sdo.require(index, subindex, signed=name == "offset")
             for name, index, subindex in PARAMETER_OBJECTS
-            if _has(self.sdo.dictionary, index, subindex)
+            if variable(self.sdo.dictionary, index, subindex) is not None
         }
         self.parameters = parameters = EncoderParameters(**values)
         self._position = ("position", 0 if parameters.position_step else parameters.units_per_turn)
         return parameters
 
-    @staticmethod
-    def _layout(dictionary: canopen.ObjectDictionary, settings: EncoderSettings) -> PdoLayout:
-        addresses = [(index, subindex) for index in CYCLIC for subindex in (0, *settings.channels)]
-        mappable = {
-            address
-            for address in addresses
-            if _has(dictionary, *address) and dictionary.get_variable(*address).pdo_mappable
-        }
-        return encoder_layout(mappable, settings.channels, sync=settings.sync)
+    def _read_capabilities(self) -> PdoCapabilities:
+        return self._sheet.capabilities
 
-    def _image(self, pdo: Pdo) -> object:
-        return self.feedback.channel(self._channel_of(pdo))
-
-    def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
-        settings = self.settings
-        kind = EVENT_DRIVEN_MANUFACTURER
-        return straight_plan(self.layout, settings.node_id, found, sync=settings.sync, asynchronous=kind)
-
-    def _plan_steps(self, plan: PdoPlan, available: Collection[int]) -> list[SdoStep]:
-        settings = self.settings
-        timers = all(_has(self.sdo.dictionary, index, 5) for index in available)
-        event_ms = settings.tpdo_event_ms if timers else None
-        return plan_steps(plan, settings.node_id, available, event_ms=event_ms, inhibit_us=settings.tpdo_inhibit_us)
+    def _make_plan(self, findings: Findings) -> PdoPlan:
+        return self._sheet.plan(findings)
 
     def _configure(self) -> None:
         settings = self.settings
-        if not settings.sync and CYCLIC_TIMER in self.sdo.dictionary:
+        plan = self.plan
+        assert plan is not None
+        if self._sheet.capabilities.common_timer and any(item.pace is Pace.TIMER for item in plan.tpdos):
             self.sdo.do(SdoStep(CYCLIC_TIMER, 0, CanType.U16, settings.tpdo_event_ms, "cyclic timer"))
         self.heartbeat.expected = settings.heartbeat_ms > 0
         heartbeat = SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, settings.heartbeat_ms, "the encoder's heartbeat")
@@ -180,7 +185,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def _read_acyclic(self, pdo: Pdo) -> None:
         begun = self.loop.now()
         super()._read_acyclic(pdo)
-        self._read_times[self._channel_of(pdo)] = begun
+        self._read_times.update(dict.fromkeys(pdo.attributes, begun))
 
     def _exchange_acyclic(self, now: int) -> None:
         before = self._acyclic_read

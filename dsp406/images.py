@@ -1,87 +1,56 @@
-"""Values of an encoder, and its PDO layouts."""
+"""Values of an encoder as its objects show them: the process image of its TPDOs, and the parameters that define its meaning."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from types import SimpleNamespace
 
-from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
-from pdgw.dsp406.kinds import CHANNELS_MAX, Dsp406Error, Operating
+from pdgw.dsp406.kinds import Dsp406Error, Operating
 from pdgw.dsp406.objects import (
     MEASURING_STEPS,
     OFFSET,
     OPERATING_PARAMETERS,
     OPERATING_TIME,
-    POSITION,
-    POSITION_MULTI_SENSOR,
-    PROFILE,
     RESOLUTION,
     REVOLUTIONS,
-    SPEED,
     TOTAL_RANGE,
     UNITS_PER_REVOLUTION,
-    ProfileObject,
 )
 
-# PDO layouts of encoders: one TPDO per channel, with the values the device can map.
-#
-# Source: CiA DSP 406 V2.0 chapter 7; 1800h is used without SYNC (type 254, cyclic timer), 1802h with SYNC (type 1). The
-# profile maps the position alone; the speed is added where the device says that it can be mapped.
+
+def position_of(channel: int) -> str:
+    """The image attribute of a channel's position (6004h, 6020h)."""
+    return f"position_{channel}"
 
 
-_ROWS: dict[int, ProfileObject] = {row.index: row for row in PROFILE}
-CYCLIC = (POSITION, POSITION_MULTI_SENSOR, SPEED)
-"""Objects that the TPDOs of a layout may carry."""
-_NUMBERS = {False: (1, 2, 3, 4), True: (3, 4, 1, 2)}
-"""TPDO numbers in the order in which channels take them, without and with SYNC."""
-
-
-def entry(index: int, subindex: int) -> Entry:
-    """A cyclic object of the profile, with the attribute it has in ``ChannelFeedback``."""
-    row = _ROWS[index]
-    attribute = row.attribute.removesuffix("_1")
-    return Entry(index, subindex, row.name, row.type, row.access, row.pdo, unit=row.unit, attribute=attribute)
-
-
-def encoder_layout(mappable: Collection[tuple[int, int]], channels: Sequence[int], *, sync: bool) -> PdoLayout:
-    """One TPDO for each of the channels; those after the fourth have numbers no device offers, they are read by SDO.
-
-    ``mappable``: (index, sub-index) of the objects the device can map. Dsp406Error for a channel without a
-    position, one that is named twice, or none at all.
-    """
-    if not channels or len(set(channels)) < len(channels):
-        raise Dsp406Error("encoder channels", list(channels), "at least one, and each only once")
-    tpdos = []
-    numbers = (*_NUMBERS[sync], *range(5, CHANNELS_MAX + 1))
-    for number, channel in zip(numbers, channels, strict=False):
-        position = (POSITION_MULTI_SENSOR, channel)
-        if position not in mappable and channel == 1:
-            position = (POSITION, 0)
-        if position not in mappable:
-            raise Dsp406Error(
-                "encoder channel", channel, "an encoder whose position (6004h, 6020h) can be mapped to a PDO"
-            )
-        speed = [item for item in mappable if item == (SPEED, channel)]
-        tpdos.append(Pdo(PdoDirection.TPDO, number, tuple(entry(*item) for item in (position, *speed))))
-    return PdoLayout((), tuple(tpdos))
-
-
-# Values of an encoder: the process images that the PDO codecs write, and the parameters that define their meaning.
-#
-# Attribute names are those of the profile's table (``dsp406.objects.PROFILE``). Values are raw object values.
+def speed_of(channel: int) -> str:
+    """The image attribute of a channel's speed (6030h)."""
+    return f"speed_{channel}"
 
 
 class ChannelFeedback:
-    """Cyclic values of one channel (TPDO objects), updated in place."""
+    """Cyclic values of one channel, in the image of its encoder: a TPDO may have those of several channels."""
 
-    __slots__ = ("position", "speed")
+    __slots__ = ("_image", "_position", "_speed")
 
-    def __init__(self) -> None:
-        self.position = 0
+    def __init__(self, image: SimpleNamespace, channel: int) -> None:
+        self._image = image
+        self._position, self._speed = position_of(channel), speed_of(channel)
+        setattr(image, self._position, 0)
+        setattr(image, self._speed, 0)
+
+    @property
+    def position(self) -> int:
         """6004h (Unsigned32) or 6020h (Integer32), in measuring units."""
-        self.speed = 0
+        value: int = getattr(self._image, self._position)
+        return value
+
+    @property
+    def speed(self) -> int:
         """6030h in measuring units per second, of a linear encoder in steps of 6005h/2; saturates at the Integer16 limits."""
+        value: int = getattr(self._image, self._speed)
+        return value
 
 
 class EncoderFeedback:
@@ -91,10 +60,12 @@ class EncoderFeedback:
     ``error_register`` and ``error_code`` are also those of the last EMCY, whose code 0 says that no error is left.
     """
 
-    __slots__ = ("alarms", "channels", "error_code", "error_register", "warnings")
+    __slots__ = ("alarms", "channels", "error_code", "error_register", "image", "warnings")
 
     def __init__(self, channels: Iterable[int] = (1,)) -> None:
-        self.channels = {channel: ChannelFeedback() for channel in channels}
+        self.image = SimpleNamespace()
+        """The values of TPDOs, by image attribute."""
+        self.channels = {channel: ChannelFeedback(self.image, channel) for channel in channels}
         self.alarms = 0
         self.warnings = 0
         self.error_register = 0

@@ -9,7 +9,7 @@ import canopen
 from canopen.objectdictionary import ODVariable
 
 from pdgw.ds301.bus.can_frame import EXTENDED_ID
-from pdgw.ds301.configuration import EVENT_TIMER
+from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE
 from pdgw.ds301.pdo import PDOS_MAX, PdoCapabilities, PdoDirection, PdoSlot
 
 _MAPPED_OBJECTS = 8
@@ -51,17 +51,21 @@ def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int,
     cob_id = variable(dictionary, communication, 1)
     count = variable(dictionary, mapping)
     mapped = [variable(dictionary, mapping, sub) for sub in range(1, _MAPPED_OBJECTS + 1)]
-    values = [item.default for item in mapped if item is not None and isinstance(item.default, int) and item.default]
-    if count is not None and isinstance(count.default, int):
-        values = values[: count.default]
+    values = [value for item in mapped if (value := _default(item))]
+    own = _default(cob_id)
     return PdoSlot(
         number,
-        cob_id.default & EXTENDED_ID if cob_id is not None and isinstance(cob_id.default, int) else None,
+        None if own is None else own & EXTENDED_ID,
         _writable(cob_id),
-        tuple(values),
+        tuple(values[: _default(count)]),
         _writable(count),
         _writable(variable(dictionary, communication, EVENT_TIMER)),
+        _default(variable(dictionary, communication, TRANSMISSION_TYPE)),
     )
+
+
+def _default(item: ODVariable | None) -> int | None:
+    return item.default if item is not None and isinstance(item.default, int) else None
 
 
 def _writable(item: ODVariable | None) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import abc
 import logging
 import struct
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from typing import ClassVar, Final, Generic, Self, TypeVar
@@ -39,10 +39,11 @@ from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
-from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
+from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
+from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection, PdoLayout, pdo_of
+from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoCapabilities, PdoDirection, PdoLayout, pdo_of
 from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")
@@ -87,6 +88,7 @@ class NodeClient(abc.ABC, Generic[S]):
         settings: S,
         layout: PdoLayout,
         dictionary: canopen.ObjectDictionary,
+        image: object,
         on_event: Callable[[NodeEvent], None],
     ) -> None:
         self.loop = network.loop
@@ -100,6 +102,9 @@ class NodeClient(abc.ABC, Generic[S]):
         self.settings = settings
         self.layout = layout
         """The objects to transfer, with their preferred PDOs."""
+        self._image = image
+        """Takes the values of its TPDOs."""
+        self._mapping = DeviceMapping(self.sdo.read_number)
         self.plan: PdoPlan | None = None
         """The PDOs of this node with their contents; None before its first start."""
         self.on_event = on_event
@@ -162,10 +167,6 @@ class NodeClient(abc.ABC, Generic[S]):
 
     # -- the device profile's part --------------------------------------------------------------------------------
 
-    @abc.abstractmethod
-    def _image(self, pdo: Pdo) -> object:
-        """The image that takes the values of a TPDO."""
-
     def _identify(self, device_type: int) -> None:
         """In the node's task, after its first SDO answer (1000h) and before anything else: it takes no RPDO from now on."""
         own = self.settings.eds is not None
@@ -176,19 +177,13 @@ class NodeClient(abc.ABC, Generic[S]):
     def _configure(self) -> None:
         """Everything between the mapping of the PDOs and NMT start, in the node's task; errors refuse the node."""
 
-    def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
-        """Assign the objects to PDOs. ``found``: COB-IDs by the communication parameter indices of the node."""
-        return straight_plan(self.layout, self.settings.node_id, found, sync=self.settings.sync)
+    @abc.abstractmethod
+    def _read_capabilities(self) -> PdoCapabilities:
+        """In the node's task: the PDOs that the data sheet shows. Whatever else the plan depends on is read first."""
 
-    def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
-        """Another plan, which does without a write the node has refused; None where there is none."""
-        return None
-
-    def _plan_steps(self, plan: PdoPlan, available: Collection[int]) -> list[SdoStep]:
-        """The SDO writes of a plan; ``available``: communication parameter indices the node has."""
-        settings = self.settings
-        event_ms, inhibit_us = settings.tpdo_event_ms, settings.tpdo_inhibit_us
-        return plan_steps(plan, settings.node_id, available, event_ms=event_ms, inhibit_us=inhibit_us)
+    @abc.abstractmethod
+    def _make_plan(self, findings: Findings) -> PdoPlan:
+        """Assign the objects of the layout to the PDOs of the node."""
 
     def _emcy_text(self, code: int) -> str:
         return emcy_text(code)
@@ -475,14 +470,17 @@ class NodeClient(abc.ABC, Generic[S]):
         """Plan the PDOs and map them."""
         found = {index: cob_id for index in self.sdo.dictionary if (cob_id := self.sdo.cob_id_of(index)) is not None}
         self._unsubscribe_pdos()
-        plan = self._make_plan(found)
+        settings, mapping = self.settings, self._mapping
+        mapping.survey(self._read_capabilities(), found)
+        plan = self._make_plan(mapping.findings)
         self._check_cob_ids(plan)
         self._disable_others(plan, found)
-        while refused := self.sdo.map_pdos(plan, self._plan_steps(plan, found)):
-            other = self._plan_without(plan, *refused)
-            if other is None:
+        times = {"event_ms": settings.tpdo_event_ms, "inhibit_us": settings.tpdo_inhibit_us}
+        while refused := self.sdo.map_pdos(plan, plan_steps(plan, settings.node_id, found, **times)):
+            # A plan must include an unused PDO that cannot be disabled.
+            if not (plan.uses(refused[0].index) and mapping.learn(*refused)):
                 raise self.sdo.refused(*refused)
-            plan = other
+            plan = self._make_plan(mapping.findings)
             self._check_cob_ids(plan)
         self._use_plan(plan)
 
@@ -518,8 +516,7 @@ class NodeClient(abc.ABC, Generic[S]):
         settings = self.settings
         self._old_length_errors = self.length_errors
         self._slots = [
-            TpdoSlot(item.pdo, self._image(item.pdo), item.cob_id, watched=item.pace is not Pace.CHANGE)
-            for item in plan.tpdos
+            TpdoSlot(item.pdo, self._image, item.cob_id, watched=item.pace is not Pace.CHANGE) for item in plan.tpdos
         ]
         for slot, item in zip(self._slots, plan.tpdos, strict=True):
             slot.second = SecondTpdos(self.sdo.doubles, str(slot.pdo)) if item.pace is Pace.SYNC else None
@@ -729,10 +726,9 @@ class NodeClient(abc.ABC, Generic[S]):
         return ACYCLIC_FAILURES * (_ACYCLIC_PDO_NS + self._sdo_timeout_ns)
 
     def _read_acyclic(self, pdo: Pdo) -> None:
-        image = self._image(pdo)
         for entry in pdo.entries:
             signed = entry.type.char.islower()
-            setattr(image, entry.attribute, self.sdo.require(*entry.address, signed=signed))
+            setattr(self._image, entry.attribute, self.sdo.require(*entry.address, signed=signed))
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 

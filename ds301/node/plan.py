@@ -11,10 +11,10 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 from pdgw.ds301.bus.load import CyclicFrames
-from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVERY_SYNC, SdoStep, disable_pdo, map_pdo
+from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, disable_pdo, map_pdo
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
+from pdgw.ds301.pdo import Pdo, PdoDirection
 
 _DATA_PDO_RATE = 100.0
 """Frames per second allowed for in PDOs without Controlword or Statusword."""
@@ -44,6 +44,8 @@ class PlannedPdo:
     """The mapping is the device's own; it is not written."""
     keeps_cob_id: bool = False
     """The COB-ID is the device's own; it is not written."""
+    event_timer: bool = False
+    """Its event timer is written."""
 
     def __str__(self) -> str:
         names = ", ".join(str(entry) for entry in self.pdo.entries if entry.attribute)
@@ -114,39 +116,10 @@ class PdoPlan:
         return found
 
 
-def straight_plan(
-    layout: PdoLayout,
-    node_id: int,
-    available: Collection[int],
-    *,
-    sync: bool,
-    sync_rpdos: bool = False,
-    asynchronous: int = EVENT_DRIVEN_PROFILE,
-) -> PdoPlan:
-    """Every PDO of a layout in the PDO of its number; what is not ``available`` (communication parameter indices) by SDO.
-
-    ``sync``: TPDOs are sent on SYNC, ``sync_rpdos``: RPDOs are taken on SYNC. ``asynchronous`` is the transmission type without:
-    254 (the manufacturer's event) or 255 (the profile's).
-    """
-
-    def planned(pdo: Pdo) -> PlannedPdo:
-        tpdo = pdo.direction is PdoDirection.TPDO
-        pace = Pace.SYNC if (sync if tpdo else sync_rpdos) else Pace.TIMER if tpdo else Pace.AT_ONCE
-        return PlannedPdo(pdo, pdo.cob_id(node_id), pace, EVERY_SYNC if pace is Pace.SYNC else asynchronous)
-
-    there = {pdo for pdo in (*layout.rpdos, *layout.tpdos) if pdo.communication_index in available}
-    return PdoPlan(
-        tuple(planned(pdo) for pdo in reversed(layout.rpdos) if pdo in there),
-        tuple(planned(pdo) for pdo in layout.tpdos if pdo in there),
-        tuple(pdo for pdo in layout.rpdos if pdo not in there),
-        tuple(pdo for pdo in layout.tpdos if pdo not in there),
-    )
-
-
 def plan_steps(
-    plan: PdoPlan, node_id: int, available: Collection[int], *, event_ms: int | None, inhibit_us: int
+    plan: PdoPlan, node_id: int, available: Collection[int], *, event_ms: int, inhibit_us: int
 ) -> list[SdoStep]:
-    """The SDO writes of a plan, in the order CiA 301 demands. ``event_ms``: None for a device without event timers."""
+    """The SDO writes of a plan, in the order CiA 301 demands; ``available``: communication parameters of the node."""
     planned = (*plan.rpdos, *plan.tpdos)
     used = {item.pdo.communication_index for item in planned}
     steps: list[SdoStep] = []
@@ -156,7 +129,7 @@ def plan_steps(
             if index in available and index not in used and direction.has_cob_id(number, node_id):
                 steps.append(disable_pdo(direction, number, node_id))
     for item in sorted(planned, key=lambda item: item.pdo.communication_index):
-        timer = event_ms if item.pace is Pace.TIMER else None
+        timer = event_ms if item.event_timer else None
         writes = map_pdo(item.pdo, item.cob_id, item.type, event_ms=timer, inhibit_us=inhibit_us)
         steps += [step for step in writes if not _is_kept(item, step)]
     return steps

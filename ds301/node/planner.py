@@ -88,14 +88,16 @@ def plan_pdos(
     *,
     sync: bool,
     sync_rpdos: bool = False,
+    event_driven: int = EVENT_DRIVEN_PROFILE,
 ) -> PdoPlan:
     """The plan for what the owner ``needs``; ``sync``: TPDOs wait for the gateway's SYNC, ``sync_rpdos``: RPDOs too.
+    ``event_driven``: transmission type of TPDOs that do not.
 
     What no PDO can carry is transferred by SDO, also what is essential: the owner decides whether it can operate so. The RPDO
     with an essential object is sent last. CanopenError for an RPDO that is not processed on SYNC as it has to be.
     """
     notes: list[str] = []
-    shared = needs, device, node_id, findings, notes
+    shared = needs, device, node_id, findings, notes, event_driven
     rpdos, written = _Direction(PdoDirection.RPDO, *shared, sync=sync_rpdos).planned()
     tpdos, read = _Direction(PdoDirection.TPDO, *shared, sync=sync).planned()
     # Read values that are sent only on change by SDO as well: a lost frame would otherwise stay undetected.
@@ -120,6 +122,7 @@ class _Direction:
         node_id: int,
         findings: Findings,
         notes: list[str],
+        event_driven: int,
         *,
         sync: bool,
     ) -> None:
@@ -131,6 +134,7 @@ class _Direction:
         self.node_id = node_id
         self.findings = findings
         self.notes = notes
+        self.event_driven = event_driven
         self.sync = sync
         attributes = (name for pdo in self.needs for name in pdo.attributes)
         self.essential = next((name for name in attributes if name in needs.essential), "")
@@ -165,20 +169,22 @@ class _Direction:
             if carried is not None:
                 free.remove(carried.number)
                 pdos.append(carried)
-            left += [(pdo.number, entry) for entry in rest if entry.attribute not in self.cyclic_only]
-            self.notes += [
-                f"{entry} not available in a PDO: {self.optional[entry.attribute]}"
-                for entry in rest
-                if entry.attribute in self.cyclic_only
-            ]
+            left += [(pdo.number, entry) for entry in rest]
         adopted = self._adopt(
             [entry for _, entry in left], has_essential=any(self.essential in pdo.attributes for pdo in pdos)
         )
         taken = {attribute for pdo in adopted for attribute in pdo.attributes}
-        left = [(number, entry) for number, entry in left if entry.attribute not in taken]
+        self.notes += [
+            f"{entry} not available in a PDO: {self.optional[entry.attribute]}"
+            for _, entry in left
+            if entry.attribute in self.cyclic_only - taken
+        ]
+        taken |= self.cyclic_only
         fixed = {pdo.number for pdo in adopted}
         planned = [self._planned(pdo, adopted=pdo.number in fixed) for pdo in (*pdos, *adopted)]
-        return planned, [Pdo(self.direction, number, (entry,)) for number, entry in left]
+        return planned, [
+            Pdo(self.direction, number, (entry,)) for number, entry in left if entry.attribute not in taken
+        ]
 
     def _is_mappable(self, entry: Entry) -> bool:
         address = entry.address
@@ -265,40 +271,38 @@ class _Direction:
         own = self._own_cob_id(pdo.number)
         kept = key in findings.kept or own is None
         cob_id = findings.cob_ids[key] & STANDARD_ID if kept or own is None else own
-        pace, type_ = self._pace(self.slots[pdo.number])
-        return PlannedPdo(pdo, cob_id, pace, type_, adopted, kept)
+        timer = self.slots[pdo.number].event_timer and key not in findings.timerless
+        pace, type_ = self._pace(key, timer=timer or self.device.common_timer)
+        return PlannedPdo(pdo, cob_id, pace, type_, adopted, kept, timer and pace is Pace.TIMER)
 
-    def _pace(self, slot: PdoSlot) -> tuple[Pace, int]:
-        key = self._key(slot.number)
-        given = self.findings.types.get(key)
+    def _pace(self, key: Key, *, timer: bool) -> tuple[Pace, int]:
+        given, number = self.findings.types.get(key), key[1]
         if self.direction is PdoDirection.RPDO:
             if given is not None and given in SYNC_TYPES:
                 if not self.sync:
-                    self.notes.append(
-                        f"RPDO{slot.number} is processed on SYNC: its transmission type cannot be written"
-                    )
+                    self.notes.append(f"RPDO{number} is processed on SYNC: its transmission type cannot be written")
                 return Pace.SYNC, given
             if self.sync:
                 if given is not None:
                     raise CanopenError(
-                        f"RPDO{slot.number} transmission type", given, "1: the telegram needs setpoints on SYNC"
+                        f"RPDO{number} transmission type", given, "1: the telegram needs setpoints on SYNC"
                     )
                 return Pace.SYNC, EVERY_SYNC
             return Pace.AT_ONCE, EVENT_DRIVEN_PROFILE if given is None else given
         if given is not None and given in SYNC_TYPES:
             if not self.sync:
-                self.notes.append(f"TPDO{slot.number} on SYNC: its transmission type cannot be written")
+                self.notes.append(f"TPDO{number} on SYNC: its transmission type cannot be written")
             return Pace.SYNC, given
         if self.sync and given is None:
             return Pace.SYNC, EVERY_SYNC
-        if slot.event_timer and key not in self.findings.timerless:
-            return Pace.TIMER, EVENT_DRIVEN_PROFILE if given is None else given
+        if timer:
+            return Pace.TIMER, self.event_driven if given is None else given
         if given is None:
-            index = self.direction.communication_index + slot.number - 1
-            self.notes.append(f"TPDO{slot.number} on SYNC: it has no event timer ({index:04X}h/{EVENT_TIMER})")
+            index = self.direction.communication_index + number - 1
+            self.notes.append(f"TPDO{number} on SYNC: it has no event timer ({index:04X}h/{EVENT_TIMER})")
             return Pace.SYNC, EVERY_SYNC
         self.notes.append(
-            f"TPDO{slot.number} on change only: neither event timer nor SYNC can be set; heartbeat and SDO "
+            f"TPDO{number} on change only: neither event timer nor SYNC can be set; heartbeat and SDO "
             "monitor the device"
         )
         return Pace.CHANGE, given

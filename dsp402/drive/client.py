@@ -7,7 +7,7 @@ drive (docs/translation.md "PDO layouts"), which takes SDO writes where the driv
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -31,9 +31,9 @@ from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.ds301.node.plan import PdoPlan
-from pdgw.ds301.node.planner import DeviceMapping
+from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.pdo import PdoCapabilities, PdoLayout
 from pdgw.dsp402.drive.checks import ModeCheck, TpdoCheck, UnitCheck
 from pdgw.dsp402.drive.guarding import Guarding, guard, interpolation_steps
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
@@ -102,9 +102,9 @@ class DriveClient(NodeClient[DriveSettings]):
     ) -> None:
         node_id = settings.node_id
         dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
-        super().__init__(network, settings, layout, dictionary, on_event)
-        sdo, feedback = self.sdo, DriveFeedback()
-        self.feedback = feedback
+        self.feedback = feedback = DriveFeedback()
+        super().__init__(network, settings, layout, dictionary, feedback, on_event)
+        sdo = self.sdo
         self.drive_type: DriveType | None = None
         """The type of the drive, made again at each start and after a write to an object it depends on."""
         self.homing_method = 0
@@ -120,7 +120,6 @@ class DriveClient(NodeClient[DriveSettings]):
         self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._notify)
         """Sends the parts of each command."""
         network.on_drop.append(self.rpdos.send_again)
-        self._mapping = DeviceMapping(sdo.read_number)
         self._tpdos = TpdoCheck(sdo, self._mapping)
         self.units = UnitCheck(sdo, feedback, lambda: self._acyclic_read, self._units_changed)
         """Reads its units, and its position if no TPDO contains it."""
@@ -206,9 +205,6 @@ class DriveClient(NodeClient[DriveSettings]):
             raise
         self._notify("references", "reads its units again")
 
-    def _image(self, pdo: Pdo) -> object:
-        return self.feedback
-
     def _identify(self, device_type: int) -> None:
         if profile_of(device_type) == DRIVE_PROFILE:
             self._make_safe()
@@ -259,7 +255,7 @@ class DriveClient(NodeClient[DriveSettings]):
         except SdoAbortedError as error:
             return None if error.code in NOT_THERE else b""
 
-    def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
+    def _read_capabilities(self) -> PdoCapabilities:
         self.serial_number = self._read_optional(*IDENTITY_SERIAL)
         self.own_values.identify((*self._device, self.serial_number))
         carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
@@ -269,21 +265,16 @@ class DriveClient(NodeClient[DriveSettings]):
             self._notify("status", line)
         if self.settings.tasks:
             drive.require_profile_position()
-        self._mapping.survey(drive.pdos, found)
-        return self._planned()
+        return drive.pdos
 
-    def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
-        # A plan must include an unused PDO that cannot be disabled.
-        return self._planned() if plan.uses(step.index) and self._mapping.learn(step, error) else None
-
-    def _planned(self) -> PdoPlan:
+    def _make_plan(self, findings: Findings) -> PdoPlan:
         assert self.drive_type is not None
         settings = self.settings
         return plan_pdos(
             self.layout,
             self.drive_type,
             settings.node_id,
-            self._mapping.findings,
+            findings,
             sync=settings.sync,
             sync_rpdos=settings.sync_period_us > 0,
         )

@@ -15,8 +15,9 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import CyclicFrames, bus_load, response_times, sdo_gap_ns
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, SYNC
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
-from pdgw.ds301.node.plan import PdoPlan, straight_plan
-from pdgw.ds301.pdo import PdoDirection
+from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.planner import found_in_data_sheet, plan_pdos
+from pdgw.ds301.pdo import PdoCapabilities, PdoDirection
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 from pdgw.durations import MS, MS_PER_SECOND, SECOND, US
 
@@ -40,12 +41,10 @@ HEARTBEATS: Final = 2
 def required_plan(axis: AxisConfig, cycle_time_ms: float) -> PdoPlan:
     """PDOs of an axis with a drive that supports everything in its telegram."""
     layout = axis.drive_layout(axis.telegram)
-    available = {
-        pdo.communication_index for pdo in (*layout.rpdos, *layout.tpdos) if axis.node_id <= 0x3F or pdo.number <= 4
-    }
     settings = axis.drive_settings(axis.telegram, cycle_time_ms)
-    on_sync = settings.sync_period_us > 0
-    return straight_plan(layout, axis.node_id, available, sync=settings.sync, sync_rpdos=on_sync)
+    on_sync, device = settings.sync_period_us > 0, PdoCapabilities.of(layout)
+    found = found_in_data_sheet(device)
+    return plan_pdos(layout, device, axis.node_id, found, sync=settings.sync, sync_rpdos=on_sync)
 
 
 def cyclic_frames(

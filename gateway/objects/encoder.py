@@ -65,7 +65,7 @@ class ChannelInput:
 
     @property
     def speed(self) -> int | None:
-        return self._feedback.speed if self._client.has_speed else None
+        return self._feedback.speed if self._client.has_speed(self._channel) else None
 
     @property
     def alarms(self) -> int:

@@ -13,7 +13,6 @@ import pytest
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import open_bus, open_port
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.ds301.node.plan import straight_plan
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
@@ -22,6 +21,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import drive_layout
 from tests.can import interfaces
 from tests.can.interfaces import Wire
+from tests.support.axis.mapping import straight_plan
 from tests.support.buses import PATIENCE_S, wait_for
 
 AXES = 20
@@ -58,7 +58,7 @@ class Axes:
         available = {pdo.communication_index for pdo in layout.rpdos}
         for node_id in range(1, AXES + 1):
             client = DriveClient(self.network, DriveSettings(node_id), layout, lambda _: None)
-            plan = straight_plan(layout, node_id, available, sync=False)
+            plan = straight_plan(layout, node_id, available)
             client.rpdos.use_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
             client._sending = True
             self.clients.append(client)

@@ -159,8 +159,6 @@ ENCODER_CASES: tuple[Case, ...] = (
         Reaction.NEVER_GOOD,
         (106,),
         "wrong-identity",
-        "fixed-pdo-mapping",
-        "mapping-abort",
         "heartbeat-stops",
         activity=Activity.START,
     ),
@@ -175,7 +173,8 @@ ENCODER_CASES: tuple[Case, ...] = (
     ),
     # 1016h: an encoder moves nothing that it could stop by monitoring the gateway.
     *_encoder_cases(Reaction.MEASURES, (), "object-missing", activity=Activity.START),
-    # Then the position is read by SDO.
+    # The position is mapped already, or read by SDO.
+    *_encoder_cases(Reaction.MEASURES, (), "fixed-pdo-mapping", "mapping-abort", activity=Activity.START),
     Case("two-pdos", Reaction.MEASURES, (), Activity.START, {"pdos": 0}, telegram=81, device=Device.ENCODER),
     Case(
         "sdo-timeout",

@@ -19,7 +19,7 @@ from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
 from pdgw.ds301.loop.jobs import Turns
 from pdgw.ds301.loop.loop import Task
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.ds301.node.plan import PdoPlan, straight_plan
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
@@ -29,6 +29,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.world import Member, World
+from tests.support.axis.mapping import straight_plan
 
 FRAME = frame_bits(8) * SECOND // 1_000_000
 """Nanoseconds of the longest frame."""
@@ -59,7 +60,7 @@ class Axes:
             layout = drive_layout(number)
             # The fifth RPDO has a COB-ID of the pre-defined connection set for node-IDs up to 3Fh only.
             available = {pdo.communication_index for pdo in layout.rpdos if node_id <= 0x3F or pdo.number <= 4}
-            plan = self.plans[node_id] = straight_plan(layout, node_id, available, sync=False)
+            plan = self.plans[node_id] = straight_plan(layout, node_id, available)
             client = DriveClient(self.network, DriveSettings(node_id), layout, lambda _: None)
             client.rpdos.use_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
             client._sending = True

@@ -3,82 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import NmtCommand, NmtState
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Entry
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
-from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, load_eds
+from pdgw.dsp406.encoder import EncoderClient, EncoderSettings, load_eds
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, Dsp406Error, EncoderDevice, multi_sensor
 from pdgw.dsp406.objects import PRESET
 from pdgw.peers.drive.objects import EDS_PATH as DRIVE_EDS
-from pdgw.peers.encoder import Motion, SimulatedEncoder, SimulatedEncoderNode
+from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.node import Value
+from tests.dsp406.plant import DAY, NODE, Plant, fresh
 from tests.support.gateways import site
-
-NODE = 9
-DAY = 86_400_000_000_000
-
-
-class Plant:
-    """A client and a simulated encoder on one bus."""
-
-    def __init__(self, network: CanNetwork) -> None:
-        self.network = network
-        self.events: list[EncoderEvent] = []
-        self.encoder: SimulatedEncoder | None = None
-        self.client: EncoderClient | None = None
-
-    def power_on(self, *motions: Motion, device: EncoderDevice = ROTARY) -> SimulatedEncoder:
-        self.encoder = site.encoder(NODE, device=device, motions=motions)
-        return self.encoder
-
-    def connect(self, **settings: object) -> EncoderClient:
-        values: dict[str, object] = {"node_id": NODE, "sdo_timeout_ms": 200, "tpdo_event_ms": 10, **settings}
-        # Nothing here is about being late: a busy machine must not lose the encoder.
-        values.setdefault("tpdo_timeout_factor", 100)
-        values.setdefault("heartbeat_factor", 50)
-        self.client = EncoderClient(self.network, EncoderSettings(**values), self.events.append)  # type: ignore[arg-type]
-        self.client.start()
-        return self.client
-
-    def online(self, generation: int = 1) -> EncoderClient:
-        client = self.client
-        assert client is not None
-        site.wait_for(
-            lambda: client.status is NodeStatus.ONLINE and client.generation == generation,
-            f"online ({client.status_text})",
-        )
-        return client
-
-    def close(self) -> None:
-        if self.client is not None:
-            self.client.stop()
-        if self.encoder is not None:
-            self.encoder.stop()
-
-
-@pytest.fixture
-def plant() -> Iterator[Plant]:
-    with site.guarded_network() as network:
-        plant = Plant(network)
-        yield plant
-        plant.close()
-
-
-def fresh(client: EncoderClient) -> EncoderClient:
-    """With the newest values in the feedback."""
-    client.refresh(DAY)
-    return client
 
 
 def test_start_up_maps_the_pdos_sets_the_timer_and_reads_the_parameters(plant: Plant) -> None:
@@ -96,7 +40,7 @@ def test_start_up_maps_the_pdos_sets_the_timer_and_reads_the_parameters(plant: P
     assert client.parameters.total_range == 4096 * 4096
     assert client.parameters.units_per_turn == 4096
     assert fresh(client).feedback.channel(1).position == 6144
-    assert client.has_speed
+    assert client.has_speed(1)
 
 
 def test_position_and_speed_follow_the_motion(plant: Plant) -> None:
@@ -139,16 +83,21 @@ def test_impossible_channels_are_refused(plant: Plant, channels: tuple[int, ...]
         EncoderClient(plant.network, EncoderSettings(NODE, device=MULTI_SENSOR, channels=channels), print)
 
 
-def test_sync_uses_the_second_transmit_pdo(plant: Plant) -> None:
-    encoder = plant.power_on(still(0.5))
-    encoder.start()
-    client = plant.connect(sync=True)
+def _on_sync(plant: Plant, client: EncoderClient) -> None:
+    """Send SYNC until the client is online."""
 
     def cycle() -> bool:
         plant.network.send_sync()
         return client.status is NodeStatus.ONLINE
 
     site.wait_for(cycle, "online by SYNC")
+
+
+def test_sync_uses_the_second_transmit_pdo(plant: Plant) -> None:
+    encoder = plant.power_on(still(0.5))
+    encoder.start()
+    client = plant.connect(sync=True)
+    _on_sync(plant, client)
     assert encoder.node.read(0x1802, 2) == 1
     assert encoder.node.read(0x1800, 1) == 0x8000_0180 + NODE
     assert encoder.node.read(0x6200) == 0
@@ -300,8 +249,6 @@ def _with(plant: Plant, fault: str, **values: int) -> None:
 @pytest.mark.parametrize(
     ("fault", "values", "text"),
     [
-        ("fixed-pdo-mapping", {}, "TPDO1 without mapping .*attempt to write a read-only object"),
-        ("mapping-abort", {}, "TPDO1 has 2 objects .*parameter incompatibility"),
         ("wrong-identity", {}, "1018h"),
         ("object-missing", {"index": 0x6501}, "object 6501h/0.*does not exist"),
         ("object-missing", {"index": 0x6200}, "cyclic timer .*does not exist"),
@@ -326,14 +273,33 @@ def test_fixed_mapping_that_matches_is_used(plant: Plant, tmp_path: Path) -> Non
     client = plant.connect(eds=eds)
     plant.online()
     assert fresh(client).feedback.channel(1).position == 4096
-    assert not client.has_speed
+    assert not client.has_speed(1)
 
 
-def test_an_encoder_with_one_pdo_answers_sync_by_sdo(plant: Plant) -> None:
+@pytest.mark.parametrize(
+    ("fault", "line"),
+    [
+        ("fixed-pdo-mapping", "TPDO1 189h: Position value 6004h; on change and by event timer; its own mapping"),
+        ("mapping-abort", "read by SDO every 100 ms: Position value 6004h"),
+    ],
+)
+def test_encoder_whose_mapping_cannot_be_written_shows_its_position(plant: Plant, fault: str, line: str) -> None:
+    _with(plant, fault)
+    client = plant.connect()
+    plant.online()
+    assert client.plan is not None
+    assert client.plan.lines[0] == line
+    assert fresh(client).feedback.channel(1).position == 4096
+    assert not client.has_speed(1)
+
+
+def test_an_encoder_with_one_pdo_sends_it_on_sync(plant: Plant) -> None:
     _with(plant, "two-pdos", pdos=1)
     client = plant.connect(sync=True)
-    plant.online()
-    assert client.feedback.channel(1).position == 4096
+    _on_sync(plant, client)
+    assert plant.encoder is not None
+    assert plant.encoder.node.read(0x1800, 2) == 1
+    assert fresh(client).feedback.channel(1).position == 4096
 
 
 def test_a_slow_encoder_comes_online(plant: Plant) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from pdgw.ds301.configuration import SdoStep
-from pdgw.ds301.node.plan import plan_steps, straight_plan
-from pdgw.ds301.pdo import PdoLayout
+from pdgw.ds301.node.plan import PdoPlan, plan_steps
+from pdgw.ds301.node.planner import found_in_data_sheet, plan_pdos
+from pdgw.ds301.pdo import PdoCapabilities, PdoLayout
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, with_objects
 from pdgw.peers.drive.objects import FAMILY
 
@@ -16,13 +17,23 @@ def engel_layout(operation: Operation) -> PdoLayout:
     return with_objects(LAYOUTS[operation], FAMILY.entries)
 
 
+def straight_plan(layout: PdoLayout, node_id: int, available: Collection[int], *, sync: bool = False) -> PdoPlan:
+    """For a device with these communication parameters, which can map everything."""
+    device = PdoCapabilities.of(layout)
+    findings = found_in_data_sheet(device)
+    findings.present = {
+        (way, number) for way, number in findings.present if way.communication_index + number - 1 in available
+    }
+    return plan_pdos(layout, device, node_id, findings, sync=sync)
+
+
 def pdo_steps(
     layout: PdoLayout,
     node_id: int,
     available: Collection[int],
     *,
     sync: bool = False,
-    event_ms: int | None = 50,
+    event_ms: int = 50,
     inhibit_us: int = 0,
 ) -> list[SdoStep]:
     """For a device with these communication parameters."""
