@@ -236,6 +236,3 @@ class PdoCapabilities:
         """Those of a device that has the PDOs of a layout and can map its objects."""
         rpdos, tpdos = (tuple(PdoSlot(pdo.number) for pdo in pdos) for pdos in (layout.rpdos, layout.tpdos))
         return cls(rpdos, tpdos, frozenset(entry.address for entry in layout.entries))
-
-    def is_mappable(self, entry: Entry) -> bool:
-        return entry.address in self.mappable

@@ -191,7 +191,7 @@ class _Direction:
         findings = self.findings
         if address in findings.unmappable or address in findings.dropped:
             return False
-        return entry.attribute == self.essential or self.device.is_mappable(entry)
+        return entry.attribute == self.essential or address in self.device.mappable
 
     def _into(self, pdo: Pdo, free: Sequence[int]) -> tuple[Pdo | None, list[Entry]]:
         """Assign a group to the PDO of its number, else to the next free one. Also return the objects left over."""
@@ -200,10 +200,8 @@ class _Direction:
         number = pdo.number if pdo.number in free else self._spare(free)
         if number is None and self.essential in pdo.attributes:
             number = min(free, default=None)
-        fixed = self.fixed.get(pdo.number)
-        if fixed == tuple(entry.mapping for entry in group):
-            return None, list(group)  # used as it is
-        if number is None or not requested:
+        is_mapped = self.fixed.get(pdo.number) == tuple(entry.mapping for entry in group)
+        if number is None or not requested or is_mapped:
             return None, list(group)
         most = self.findings.most.get(self._key(number), _OBJECTS)
         kept = _fitting(requested, most, self.essential)
@@ -219,7 +217,8 @@ class _Direction:
     def _adopt(self, left: Sequence[Entry], *, has_essential: bool) -> list[Pdo]:
         """Fixed PDOs for the remaining objects, the most useful first; every object of an RPDO must be known."""
         dropped = self.findings.dropped
-        requested = {entry.address: entry for entry in left if entry.address not in dropped}
+        ordered = sorted(left, key=lambda entry: entry.attribute != self.essential)
+        requested = {entry.address: entry for entry in ordered if entry.address not in dropped}
         adopted: list[Pdo] = []
         while requested:
             found = [
@@ -240,10 +239,9 @@ class _Direction:
         return adopted
 
     def _gain(self, pdo: Pdo, requested: Mapping[ObjectAddress, Entry]) -> int:
-        """The value of a fixed PDO: the essential word counts most, then the first objects of the layout."""
+        """The value of a fixed PDO: the first objects count most."""
         order = [entry.attribute for entry in requested.values()]
-        worth = sum(1 << (len(order) - order.index(name)) for name in pdo.attributes)
-        return worth + (1 << len(order) + 1 if self.essential in pdo.attributes else 0)
+        return sum(1 << (len(order) - order.index(name)) for name in pdo.attributes)
 
     def _carried(self, number: int, mapping: tuple[int, ...], requested: Mapping[ObjectAddress, Entry]) -> Pdo | None:
         """A fixed PDO with gaps for unneeded objects; None if it cannot be used."""
@@ -277,45 +275,35 @@ class _Direction:
 
     def _pace(self, key: Key, *, timer: bool) -> tuple[Pace, int]:
         given, number = self.findings.types.get(key), key[1]
-        if self.direction is PdoDirection.RPDO:
-            if given is not None and given in SYNC_TYPES:
-                if not self.sync:
-                    self.notes.append(f"RPDO{number} is processed on SYNC: its transmission type cannot be written")
-                return Pace.SYNC, given
-            if self.sync:
-                if given is not None:
-                    raise CanopenError(
-                        f"RPDO{number} transmission type", given, "1: the telegram needs setpoints on SYNC"
-                    )
-                return Pace.SYNC, EVERY_SYNC
-            return Pace.AT_ONCE, EVENT_DRIVEN_PROFILE if given is None else given
+        name = f"{self.direction.label}{number}"
         if given is not None and given in SYNC_TYPES:
             if not self.sync:
-                self.notes.append(f"TPDO{number} on SYNC: its transmission type cannot be written")
+                how = "is processed on SYNC" if self.direction is PdoDirection.RPDO else "on SYNC"
+                self.notes.append(f"{name} {how}: its transmission type cannot be written")
             return Pace.SYNC, given
         if self.sync and given is None:
             return Pace.SYNC, EVERY_SYNC
+        if self.direction is PdoDirection.RPDO:
+            if self.sync:
+                raise CanopenError(f"{name} transmission type", given, "1: the telegram needs setpoints on SYNC")
+            return Pace.AT_ONCE, EVENT_DRIVEN_PROFILE if given is None else given
         if timer:
             return Pace.TIMER, self.event_driven if given is None else given
         if given is None:
             index = self.direction.communication_index + number - 1
-            self.notes.append(f"TPDO{number} on SYNC: it has no event timer ({index:04X}h/{EVENT_TIMER})")
+            self.notes.append(f"{name} on SYNC: it has no event timer ({index:04X}h/{EVENT_TIMER})")
             return Pace.SYNC, EVERY_SYNC
         self.notes.append(
-            f"TPDO{number} on change only: neither event timer nor SYNC can be set; heartbeat and SDO "
-            "monitor the device"
+            f"{name} on change only: neither event timer nor SYNC can be set; heartbeat and SDO monitor the device"
         )
         return Pace.CHANGE, given
 
 
 def _fitting(entries: Sequence[Entry], most: int, essential: str) -> list[Entry]:
     """As many as go into one PDO, in their order; the essential one in any case."""
-    first = [entry for entry in entries if entry.attribute == essential]
-    size = sum(entry.type.bits // 8 for entry in first)
-    kept = list(first)
-    for entry in entries:
-        if entry in first:
-            continue
+    kept: list[Entry] = []
+    size = 0
+    for entry in sorted(entries, key=lambda entry: entry.attribute != essential):
         size += entry.type.bits // 8
         if size > PDO_BYTES or len(kept) >= most:
             break

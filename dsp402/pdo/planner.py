@@ -64,8 +64,8 @@ def _without(direction: PdoDirection, word: Entry, findings: Findings) -> Dsp402
     index = direction.mapping_index
     there = [
         f"{index + number - 1:04X}h with {_named(mapping)}"
-        for (fixed, number), mapping in findings.fixed.items()
-        if fixed is direction
+        for (way, number), mapping in findings.fixed.items()
+        if way is direction and (way, number) in findings.present - findings.dead
     ]
     return Dsp402Error(
         "PDOs of the drive",

@@ -59,8 +59,8 @@ def test_the_engel_drive_has_five_mappable_pdos_of_each_direction() -> None:
     assert pdos.tpdos[0].mapping_writable
     assert pdos.tpdos[0].event_timer
     assert not pdos.rpdos[0].event_timer
-    assert pdos.is_mappable(DRIVE_OBJECTS.attribute("target_velocity"))
-    assert not pdos.is_mappable(DRIVE_OBJECTS.entry(0x6080))
+    assert DRIVE_OBJECTS.attribute("target_velocity").address in pdos.mappable
+    assert DRIVE_OBJECTS.entry(0x6080).address not in pdos.mappable
 
 
 def test_drive_without_overlay_is_described_by_its_answers() -> None:
