@@ -14,6 +14,8 @@ from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection, 
 
 EVENT_DRIVEN_MANUFACTURER = 254
 EVENT_DRIVEN_PROFILE = 255
+ON_SYNC_IF_CHANGED = 0
+"""A TPDO is sent on the SYNC that follows a change."""
 EVERY_SYNC = 1
 SYNC_TYPES = range(241)
 """Transmission types of PDOs that wait for a SYNC."""

@@ -218,6 +218,7 @@ class PdoSlot:
     """Sub-index 5 can be written: the PDO comes (of an RPDO: is missed) after this time."""
     type: int | None = None
     """Default transmission type; None where the data sheet gives none."""
+    type_writable: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,6 +50,7 @@ def _slots(dictionary: canopen.ObjectDictionary, direction: PdoDirection) -> tup
 def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int, mapping: int) -> PdoSlot:
     cob_id = variable(dictionary, communication, 1)
     count = variable(dictionary, mapping)
+    type_ = variable(dictionary, communication, TRANSMISSION_TYPE)
     mapped = [variable(dictionary, mapping, sub) for sub in range(1, _MAPPED_OBJECTS + 1)]
     values = [value for item in mapped if (value := _default(item))]
     own = _default(cob_id)
@@ -60,7 +61,8 @@ def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int,
         tuple(values[: _default(count)]),
         _writable(count),
         _writable(variable(dictionary, communication, EVENT_TIMER)),
-        _default(variable(dictionary, communication, TRANSMISSION_TYPE)),
+        _default(type_),
+        _writable(type_),
     )
 
 

@@ -31,7 +31,7 @@ from pdgw.ds301.communication import (
     NmtCommand,
     NmtState,
 )
-from pdgw.ds301.configuration import SdoStep
+from pdgw.ds301.configuration import EVERY_SYNC, SdoStep
 from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
@@ -527,7 +527,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self.sdo.longest_upload_ns = self._sdo_timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         if plan.needs_sync:
-            self._timeout_ns = max(self._timeout_ns, settings.cycle_ms * settings.tpdo_timeout_factor * MS)
+            syncs = max((item.type for item in plan.tpdos if item.pace is Pace.SYNC), default=EVERY_SYNC)
+            self._timeout_ns = max(self._timeout_ns, syncs * settings.cycle_ms * settings.tpdo_timeout_factor * MS)
         self.network.require_sync(settings.node_id, required=plan.needs_sync)
         if plan != self.plan:
             self.plan = plan

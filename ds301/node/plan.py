@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 from pdgw.ds301.bus.load import CyclicFrames
-from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, disable_pdo, map_pdo
+from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SYNC_TYPES, SdoStep, disable_pdo, map_pdo
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection
@@ -26,7 +26,7 @@ class Pace(enum.Enum):
     TIMER = "on change and by event timer"
     SYNC = "on SYNC"
     CHANGE = "on change only, and also read by SDO"
-    """There is no event timer and no SYNC: a frame that is lost does not come again, and silence says nothing."""
+    """There is no event timer, and no frame for each SYNC: a frame that is lost does not come again, and silence says nothing."""
     AT_ONCE = "at once"
     """Effect of an RPDO."""
 
@@ -71,7 +71,7 @@ class PdoPlan:
     @property
     def needs_sync(self) -> bool:
         """Whether the gateway has to send SYNC."""
-        return any(item.pace is Pace.SYNC for item in (*self.rpdos, *self.tpdos))
+        return any(item.type in SYNC_TYPES for item in (*self.rpdos, *self.tpdos))
 
     def uses(self, index: int) -> bool:
         """Whether a communication or mapping parameter is that of a PDO in use."""

@@ -12,7 +12,15 @@ from dataclasses import dataclass, field
 
 from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError
 from pdgw.ds301.bus.can_frame import STANDARD_ID
-from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES, SdoStep
+from pdgw.ds301.configuration import (
+    EVENT_DRIVEN,
+    EVENT_DRIVEN_PROFILE,
+    EVENT_TIMER,
+    EVERY_SYNC,
+    ON_SYNC_IF_CHANGED,
+    SYNC_TYPES,
+    SdoStep,
+)
 from pdgw.ds301.node.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.ds301.objects import CanType, Entry, ObjectAddress
 from pdgw.ds301.pdo import (
@@ -31,6 +39,8 @@ Key = tuple[PdoDirection, int]
 """Direction and number of a PDO."""
 _OBJECTS = 8
 _COB_IDS = range(0x181, 0x580)
+_SENT = (*SYNC_TYPES, *EVENT_DRIVEN)
+"""Transmission types of TPDOs that the device sends by itself; with the others it waits for a remote request."""
 _DUMMIES = 0x20
 """Objects below this are data types: place holders in a mapping."""
 
@@ -71,6 +81,8 @@ def found_in_data_sheet(device: PdoCapabilities) -> Findings:
             findings.fixed[key] = slot.mapping
         if not slot.cob_id_writable:
             findings.kept.add(key)
+        if slot.type is not None and not slot.type_writable:
+            findings.types[key] = slot.type
     return findings
 
 
@@ -149,6 +161,13 @@ class _Direction:
     def _is_usable(self, slot: PdoSlot) -> bool:
         key = self._key(slot.number)
         if key not in self.findings.present or key in self.findings.dead:
+            return False
+        given = self.findings.types.get(key, EVERY_SYNC)
+        if self.direction is PdoDirection.TPDO and given not in _SENT:
+            self.notes.append(
+                f"TPDO{slot.number} not used: its transmission type {given} is neither on SYNC nor event-driven, and cannot be "
+                "written"
+            )
             return False
         return self._own_cob_id(slot.number) is not None or self.findings.cob_ids.get(key, 0) in _COB_IDS
 
@@ -276,6 +295,12 @@ class _Direction:
     def _pace(self, key: Key, *, timer: bool) -> tuple[Pace, int]:
         given, number = self.findings.types.get(key), key[1]
         name = f"{self.direction.label}{number}"
+        if given == ON_SYNC_IF_CHANGED and self.direction is PdoDirection.TPDO:
+            self.notes.append(
+                f"{name} on SYNC after a change only: its transmission type cannot be written; heartbeat and SDO monitor the "
+                "device"
+            )
+            return Pace.CHANGE, given
         if given is not None and given in SYNC_TYPES:
             if not self.sync:
                 how = "is processed on SYNC" if self.direction is PdoDirection.RPDO else "on SYNC"

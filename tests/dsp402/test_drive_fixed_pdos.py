@@ -152,6 +152,8 @@ def test_rpdo_that_keeps_a_mapping_with_other_objects_is_not_used(plant: Plant) 
             "TPDO1 1C4h: Statusword 6041h, Velocity Actual Value 606Ch; on change and by event timer; ",
         ),
         ((0x1800, 2), 1, "TPDO1 184h: Statusword 6041h, Velocity Actual Value 606Ch; on SYNC"),
+        ((0x1800, 2), 0, "TPDO1 on SYNC after a change only: "),
+        ((0x1800, 2), 253, "TPDO3 384h: Statusword 6041h, Velocity Actual Value 606Ch; on change and by event timer"),
     ],
 )
 def test_cob_id_and_transmission_type_that_a_drive_keeps_although_it_confirms_others_are_used(

@@ -182,6 +182,31 @@ def test_transmission_type_of_a_tpdo_is_one_the_drive_supports(timer: bool, type
     assert bool(found.read) is (pace is Pace.CHANGE)
 
 
+def test_tpdo_that_waits_for_remote_requests_is_replaced_by_another() -> None:
+    findings = found_in_data_sheet(ENGEL.pdos)
+    findings.types[TPDO, 1] = 253
+    found = plan(Operation.VELOCITY, findings)
+    assert (found.tpdos[0].pdo.number, found.tpdos[0].pdo.attributes[0]) == (3, "statusword")
+    assert found.notes == (
+        "TPDO1 not used: its transmission type 253 is neither on SYNC nor event-driven, and cannot be written",
+    )
+
+
+def test_drive_whose_tpdos_all_wait_for_remote_requests_is_refused() -> None:
+    findings = found_in_data_sheet(ENGEL.pdos)
+    findings.types = dict.fromkeys(((TPDO, number) for number in range(1, 6)), 252)
+    with pytest.raises(Dsp402Error, match="no TPDO for Statusword 6041h"):
+        plan(Operation.VELOCITY, findings)
+
+
+def test_tpdo_on_sync_after_a_change_is_also_read_by_sdo() -> None:
+    findings = found_in_data_sheet(ENGEL.pdos)
+    findings.types[TPDO, 1] = 0
+    found = plan(Operation.VELOCITY, findings)
+    assert (found.tpdos[0].pace, found.tpdos[0].type, found.needs_sync) == (Pace.CHANGE, 0, True)
+    assert [group.attributes for group in found.read] == [("statusword",), ("velocity_actual",)]
+
+
 def test_cob_ids_that_cannot_be_written_are_kept_and_others_beyond_the_fifth_too() -> None:
     slots = [replace(slot, number=slot.number + 20) if slot.number > 1 else slot for slot in ENGEL.pdos.rpdos]
     drive = replace(ENGEL, pdos=replace(ENGEL.pdos, rpdos=tuple(slots)))

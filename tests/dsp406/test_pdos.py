@@ -23,6 +23,7 @@ from tests.support.gateways import site
 
 POSITION, SPEED, AREA, CAMS = 0x6004_0020, 0x6030_0110, 0x6400_0108, 0x6300_0108
 NO_SPEED = "Speed value 6030h/1 not available in a PDO: the speed is the mean speed of the position"
+POLLED = "TPDO1 not used: its transmission type 253 is neither on SYNC nor event-driven, and cannot be written"
 BY_TIMER = "on change and by event timer"
 
 
@@ -30,6 +31,11 @@ def mapping(index: int, *mapped: int) -> dict[ObjectAddress, dict[str, Any]]:
     """A fixed mapping."""
     values = (len(mapped), *mapped, *[0] * (8 - len(mapped)))
     return {(index, sub): {"access": Access.RO, "default": value} for sub, value in enumerate(values)}
+
+
+def sent(index: int, type_: int) -> dict[ObjectAddress, dict[str, Any]]:
+    """A fixed transmission type."""
+    return {(index, 2): {"access": Access.RO, "default": type_}}
 
 
 @dataclass(frozen=True)
@@ -106,6 +112,42 @@ HABITS = (
         {},
         ("read by SDO every 100 ms: Position value 6004h", NO_SPEED),
         lacks=(0x1800, 0x1802, 0x1A00, 0x1A02),
+    ),
+    Habit(
+        "TPDO on remote request beside another one",
+        sent(0x1800, 253),
+        (f"TPDO3 389h: Position value 6004h, Speed value 6030h/1; {BY_TIMER}", POLLED),
+    ),
+    Habit(
+        "TPDO on remote request beside one on SYNC",
+        sent(0x1800, 252) | sent(0x1802, 1),
+        (
+            "TPDO3 389h: Position value 6004h, Speed value 6030h/1; on SYNC",
+            POLLED.replace("253", "252"),
+            "TPDO3 on SYNC: its transmission type cannot be written",
+        ),
+    ),
+    Habit(
+        "all TPDOs on remote request",
+        sent(0x1800, 253) | sent(0x1802, 253),
+        ("read by SDO every 100 ms: Position value 6004h", POLLED, POLLED.replace("TPDO1", "TPDO3"), NO_SPEED),
+    ),
+    Habit(
+        "TPDO for each 20th SYNC",
+        sent(0x1800, 20),
+        (
+            "TPDO1 189h: Position value 6004h, Speed value 6030h/1; on SYNC",
+            "TPDO1 on SYNC: its transmission type cannot be written",
+        ),
+    ),
+    Habit(
+        "TPDO on SYNC after a change",
+        sent(0x1800, 0) | sent(0x1802, 0),
+        (
+            "TPDO1 189h: Position value 6004h, Speed value 6030h/1; on change only, and also read by SDO",
+            "read by SDO every 100 ms: Position value 6004h, Speed value 6030h/1",
+            "TPDO1 on SYNC after a change only: its transmission type cannot be written; heartbeat and SDO monitor the device",
+        ),
     ),
     Habit(
         "two channels in one fixed TPDO",
