@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -10,8 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.eds.writer import write_eds
+from pdgw.ds301.objects import Access, Entry
+from pdgw.dsp406.device import device_info, encoder_objects
+from pdgw.dsp406.kinds import ROTARY
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.drive.objects import INFO, drive_objects
 from pdgw.tools.commands.commissioning.config import app
 from tests.support import buses
 from tests.support.cli import pdgw
@@ -157,10 +163,57 @@ def test_an_object_missing_from_the_data_sheet_is_named_without_the_bus(tmp_path
     file.write_text(CONFIG.format(channel="bus", telegram=111, keys=keys))
     result = CliRunner().invoke(app, ["check", str(file)])
     assert result.exit_code == 0, result.output
-    assert result.output.splitlines()[1:3] == [
+    assert [line for line in result.output.splitlines() if "not available" in line] == [
         "DO 1: Velocity Demand Value 606Bh not available: the bits for ramp completed and speed within tolerance are 0",
         "DO 1: Current Actual Value 6078h not available: the bit for torque below its threshold is 0",
     ]
+
+
+def test_pdos_of_an_encoder_are_those_of_its_data_sheet(tmp_path: Path) -> None:
+    objects = [
+        replace(spec, entries=tuple(replace(item, access=Access.RO) for item in spec.entries))
+        if spec.index in (0x1800, 0x1A00, 0x1A02)
+        else spec
+        for spec in encoder_objects(ROTARY)
+    ]
+    (tmp_path / "encoder.eds").write_text(write_eds(device_info(ROTARY), objects), encoding="ascii")
+    file = tmp_path / "gateway.toml"
+    table = f'[[encoder]]\ndo_id = 1\nnode_id = 5\ntelegram = 83\neds = "{tmp_path}/encoder.eds"\n'
+    file.write_text(CONFIG.format(channel="bus", telegram=1, keys="").split("[[axis]]")[0] + table)
+    result = CliRunner().invoke(app, ["check", str(file)])
+    assert result.exit_code == 0, result.output
+    assert [line for line in result.output.splitlines() if line.startswith("DO")] == [
+        "DO 1: TPDO1 185h: Position value 6004h; on change and by event timer; its own mapping; its own COB-ID",
+        "DO 1: Speed value 6030h/1 not available in a PDO: the speed is the mean speed of the position",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("type_", "status", "said"),
+    [
+        (1, 0, "DO 1: TPDO1 185h: Statusword 6041h, Velocity Actual Value 606Ch; on SYNC"),
+        (253, 1, "DO 1: telegram 1 is rejected: PDOs of the drive: 'no TPDO for Statusword 6041h' is not allowed"),
+    ],
+)
+def test_drive_is_rejected_if_its_data_sheet_permits_no_plan(
+    tmp_path: Path, type_: int, status: int, said: str
+) -> None:
+    tpdos = range(0x1800, 0x1805)
+    objects = [
+        replace(spec, entries=tuple(_fixed(item, type_) for item in spec.entries)) if spec.index in tpdos else spec
+        for spec in drive_objects()
+    ]
+    (tmp_path / "drive.eds").write_text(write_eds(INFO, objects), encoding="ascii")
+    file = tmp_path / "gateway.toml"
+    file.write_text(CONFIG.format(channel="bus", telegram=1, keys=f'eds = "{tmp_path}/drive.eds"'))
+    result = CliRunner().invoke(app, ["check", str(file)])
+    assert result.exit_code == status, result.output
+    assert any(line.startswith(said) for line in result.output.splitlines()), result.output
+
+
+def _fixed(entry: Entry, type_: int) -> Entry:
+    """A transmission type that cannot be written."""
+    return replace(entry, access=Access.RO, default=type_) if entry.subindex == 2 else entry
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from pdgw.phrases import counted
 
 if TYPE_CHECKING:
     from pdgw.ds301.node.plan import PdoPlan
-    from pdgw.gateway.axis.settings import AxisSettings
+    from pdgw.dsp402.drive_type import DriveType
     from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
     from pdgw.gateway.configuration.environment import CanConfig
 
@@ -63,10 +63,12 @@ def check(
         refused = _check_buses(config)
     else:
         for axis in config.axis:
-            _print_missing_objects(axis, axis.settings_at(config.transport.cycle_time_ms))
+            refused |= _refuses(config, axis)
         for item in config.can:
             if item.interface != "virtual" or item.bitrate is not None:
                 _print_bus_load(config, item, {})
+    for item in config.can:
+        _print_encoders(config, item)
     if config.transport.cycle_time_ms < NEEDED_BELOW_MS:
         typer.echo(_scheduling(config))
     if refused:
@@ -126,16 +128,43 @@ def _start(config: GatewayConfig) -> None:
     build_gateway(config.model_copy(update={"transport": transport, "store": None}), World()).release()
 
 
-def _print_missing_objects(axis: AxisConfig, settings: AxisSettings) -> None:
-    """Print one line for each optional object of the telegram that the data sheet lacks."""
+def _refuses(config: GatewayConfig, axis: AxisConfig) -> bool:
+    """Print the PDOs that the data sheet of a drive leads to. True when its telegram is impossible with them."""
+    from pdgw.ds301.aborts import CanopenError
     from pdgw.dsp402.drive.client import load_eds
     from pdgw.dsp402.identification.describe import described_by_sheet
-    from pdgw.gateway.commissioning.telegram_check import not_available
 
-    if axis.eds is not None:
-        drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family_name)
-        for line in not_available(drive, axis.telegram, settings):
-            typer.echo(f"DO {axis.do_id}: {line}")
+    if axis.eds is None:
+        return False
+    drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family_name)
+    try:
+        lines = _plan(config, axis, drive).lines
+    except CanopenError as error:
+        typer.echo(f"DO {axis.do_id}: telegram {axis.telegram} is rejected: {error}")
+        return True
+    for line in lines:
+        typer.echo(f"DO {axis.do_id}: {line}")
+    return False
+
+
+def _plan(config: GatewayConfig, axis: AxisConfig, drive: DriveType) -> PdoPlan:
+    from pdgw.gateway.commissioning.telegram_check import planned
+
+    cycle_ms = config.transport.cycle_time_ms
+    sync = axis.drive_settings(axis.telegram, cycle_ms).sync
+    return planned(drive, axis.telegram, axis.node_id, sync=sync, settings=axis.settings_at(cycle_ms))
+
+
+def _print_encoders(config: GatewayConfig, bus: CanConfig) -> None:
+    """Print the PDOs that the data sheets of encoders lead to."""
+    from pdgw.dsp406.encoder import EncoderSheet
+
+    for channels in config.encoders_of(bus).values():
+        first, numbers = channels[0], tuple(item.channel for item in channels)
+        if first.eds is not None:
+            sheet = EncoderSheet(first.settings(numbers, config.transport.cycle_time_ms))
+            for line in sheet.plan().lines:
+                typer.echo(f"DO {', '.join(str(item.do_id) for item in channels)}: {line}")
 
 
 def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
@@ -144,7 +173,7 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     from pdgw.ds301.node.sdo import Inquiry
     from pdgw.dsp402.drive.client import load_eds
     from pdgw.dsp402.identification.generic import probe
-    from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines, planned
+    from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines
     from pdgw.tools.bus_task import complete, opened
 
     try:
@@ -166,8 +195,7 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
         for line in missing_lines(drive, axis.telegram, settings=settings):
             typer.echo(f"    {line}")
         return None
-    sync = axis.drive_settings(axis.telegram, config.transport.cycle_time_ms).sync
-    plan = planned(drive, axis.telegram, axis.node_id, sync=sync, settings=settings)
+    plan = _plan(config, axis, drive)
     for line in plan.lines:
         typer.echo(f"  {line}")
     return plan
