@@ -49,10 +49,8 @@ _DUMMIES = 0x20
 class Findings:
     """Answers of a device beyond its data sheet."""
 
-    present: set[Key] = field(default_factory=set)
-    """PDOs it has."""
     cob_ids: dict[Key, int] = field(default_factory=dict)
-    """Sub-index 1 of each as it was found."""
+    """Sub-index 1 of each PDO it has, as it was found."""
     fixed: dict[Key, tuple[int, ...]] = field(default_factory=dict)
     """Mappings that cannot be written, as they are."""
     kept: set[Key] = field(default_factory=set)
@@ -72,17 +70,25 @@ class Findings:
 
 def found_in_data_sheet(device: PdoCapabilities) -> Findings:
     """Facts of the data sheet about a device that was not read yet."""
-    findings = Findings()
+    slots = dict(_slots(device))
+    cob_ids = {key: slot.cob_id or 0 for key, slot in slots.items()}
+    findings = _found(device, cob_ids, lambda key: slots[key].mapping)
+    fixed = ((key, slot.type) for key, slot in slots.items() if not slot.type_writable)
+    findings.types = {key: type_ for key, type_ in fixed if type_ is not None}
+    return findings
+
+
+def _found(device: PdoCapabilities, cob_ids: Mapping[Key, int], mapped: Callable[[Key], tuple[int, ...]]) -> Findings:
+    """What the data sheet forbids to write to the PDOs that have these COB-IDs, and these mappings."""
+    findings = Findings(dict(cob_ids))
     for key, slot in _slots(device):
-        findings.present.add(key)
-        if slot.cob_id is not None:
-            findings.cob_ids[key] = slot.cob_id
+        if key not in cob_ids:
+            continue
         if not slot.mapping_writable:
-            findings.fixed[key] = slot.mapping
+            findings.fixed[key] = mapped(key)
         if not slot.cob_id_writable:
-            findings.kept.add(key)
-        if slot.type is not None and not slot.type_writable:
-            findings.types[key] = slot.type
+            valid = not cob_ids[key] & COB_ID_INVALID
+            (findings.kept if valid else findings.dead).add(key)
     return findings
 
 
@@ -110,8 +116,8 @@ def plan_pdos(
     """
     notes: list[str] = []
     shared = needs, device, node_id, findings, notes, event_driven
-    rpdos, written = _Direction(PdoDirection.RPDO, *shared, sync=sync_rpdos).planned()
-    tpdos, read = _Direction(PdoDirection.TPDO, *shared, sync=sync).planned()
+    rpdos, written = _Direction(PdoDirection.RPDO, *shared, sync_rpdos).planned()
+    tpdos, read = _Direction(PdoDirection.TPDO, *shared, sync).planned()
     # Read values that are sent only on change by SDO as well: a lost frame would otherwise stay undetected.
     read += [
         Pdo(entry_pdo.direction, entry_pdo.number, (entry,))
@@ -123,36 +129,27 @@ def plan_pdos(
     return PdoPlan(tuple(rpdos), tuple(tpdos), tuple(written), tuple(read), tuple(notes))
 
 
+@dataclass
 class _Direction:
     """The plan of one direction; ``planned`` is called once."""
 
-    def __init__(
-        self,
-        direction: PdoDirection,
-        needs: PdoLayout,
-        device: PdoCapabilities,
-        node_id: int,
-        findings: Findings,
-        notes: list[str],
-        event_driven: int,
-        *,
-        sync: bool,
-    ) -> None:
-        self.optional = needs.optional
-        self.cyclic_only = needs.cyclic_only
-        self.direction = direction
-        self.needs = needs.rpdos if direction is PdoDirection.RPDO else needs.tpdos
-        self.device = device
-        self.node_id = node_id
-        self.findings = findings
-        self.notes = notes
-        self.event_driven = event_driven
-        self.sync = sync
+    direction: PdoDirection
+    layout: PdoLayout
+    device: PdoCapabilities
+    node_id: int
+    findings: Findings
+    notes: list[str]
+    event_driven: int
+    sync: bool
+
+    def __post_init__(self) -> None:
+        layout = self.layout
+        self.needs = layout.rpdos if self.direction is PdoDirection.RPDO else layout.tpdos
         attributes = (name for pdo in self.needs for name in pdo.attributes)
-        self.essential = next((name for name in attributes if name in needs.essential), "")
-        slots = (slot for key, slot in _slots(device) if key[0] is direction)
+        self.essential = next((name for name in attributes if name in layout.essential), "")
+        slots = (slot for key, slot in _slots(self.device) if key[0] is self.direction)
         self.slots = {slot.number: slot for slot in slots if self._is_usable(slot)}
-        fixed = ((number, findings.fixed.get(self._key(number))) for number in self.slots)
+        fixed = ((number, self.findings.fixed.get(self._key(number))) for number in self.slots)
         self.fixed = {number: mapping for number, mapping in fixed if mapping is not None}
 
     def _key(self, number: int) -> Key:
@@ -160,7 +157,7 @@ class _Direction:
 
     def _is_usable(self, slot: PdoSlot) -> bool:
         key = self._key(slot.number)
-        if key not in self.findings.present or key in self.findings.dead:
+        if key not in self.findings.cob_ids or key in self.findings.dead:
             return False
         given = self.findings.types.get(key, EVERY_SYNC)
         if self.direction is PdoDirection.TPDO and given not in _SENT:
@@ -169,7 +166,7 @@ class _Direction:
                 "written"
             )
             return False
-        return self._own_cob_id(slot.number) is not None or self.findings.cob_ids.get(key, 0) in _COB_IDS
+        return self._own_cob_id(slot.number) is not None or self.findings.cob_ids[key] in _COB_IDS
 
     def _own_cob_id(self, number: int) -> int | None:
         """The COB-ID the gateway gives a PDO; None for one that has none of its own."""
@@ -194,11 +191,11 @@ class _Direction:
         )
         taken = {attribute for pdo in adopted for attribute in pdo.attributes}
         self.notes += [
-            f"{entry} not available in a PDO: {self.optional[entry.attribute]}"
+            f"{entry} not available in a PDO: {self.layout.optional[entry.attribute]}"
             for _, entry in left
-            if entry.attribute in self.cyclic_only - taken
+            if entry.attribute in self.layout.cyclic_only - taken
         ]
-        taken |= self.cyclic_only
+        taken |= self.layout.cyclic_only
         fixed = {pdo.number for pdo in adopted}
         planned = [self._planned(pdo, adopted=pdo.number in fixed) for pdo in (*pdos, *adopted)]
         return planned, [
@@ -355,19 +352,9 @@ class DeviceMapping:
 
     def survey(self, device: PdoCapabilities, cob_ids: Mapping[int, int]) -> None:
         """Start again with the existing PDOs. An object that was never received is still not trusted."""
-        findings = self.findings = Findings(dropped=self.findings.dropped)
-        for index, cob_id in cob_ids.items():
-            key = pdo_of(index)
-            findings.present.add(key)
-            findings.cob_ids[key] = cob_id
-        for key, slot in _slots(device):
-            if key not in findings.present:
-                continue
-            if not slot.mapping_writable:
-                findings.fixed[key] = self._mapped(key)
-            if not slot.cob_id_writable:
-                valid = not findings.cob_ids[key] & COB_ID_INVALID
-                (findings.kept if valid else findings.dead).add(key)
+        dropped = self.findings.dropped
+        self.findings = _found(device, {pdo_of(index): cob_id for index, cob_id in cob_ids.items()}, self._mapped)
+        self.findings.dropped = dropped
 
     def drop(self, address: ObjectAddress) -> None:
         """An object that the device accepts in a mapping but does not send."""

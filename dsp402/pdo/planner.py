@@ -65,7 +65,7 @@ def _without(direction: PdoDirection, word: Entry, findings: Findings) -> Dsp402
     there = [
         f"{index + number - 1:04X}h with {_named(mapping)}"
         for (way, number), mapping in findings.fixed.items()
-        if way is direction and (way, number) in findings.present - findings.dead
+        if way is direction and (way, number) in findings.cob_ids.keys() - findings.dead
     ]
     return Dsp402Error(
         "PDOs of the drive",

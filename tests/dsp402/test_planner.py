@@ -129,7 +129,7 @@ def test_predefined_pdos_that_are_fixed_are_adopted_and_the_rest_goes_by_sdo() -
 
 def test_rpdo_with_an_object_without_a_value_is_not_used() -> None:
     findings = found_in_data_sheet(ENGEL.pdos)
-    findings.fixed = dict.fromkeys(findings.present, ())
+    findings.fixed = dict.fromkeys(findings.cob_ids, ())
     findings.fixed[RPDO, 1] = (0x6040_0010, 0x6071_0010)
     findings.fixed[RPDO, 2] = (0x0005_0008, 0x6040_0010)
     findings.fixed[TPDO, 1] = (0x6041_0010, 0x200C_0010, 0x606C_0020)
@@ -235,11 +235,11 @@ def test_any_findings_give_a_plan_with_everything_or_a_refusal(
     operation: Operation,
 ) -> None:
     findings = found_in_data_sheet(ENGEL.pdos)
-    findings.present -= absent
+    findings.cob_ids = {key: cob_id for key, cob_id in findings.cob_ids.items() if key not in absent}
     findings.fixed = dict.fromkeys(fixed, (0x6040_0010,)) | {key: (0x6041_0010,) for key in fixed if key[0] is TPDO}
     findings.unmappable |= unmappable
     findings.timerless |= timerless
-    if {direction for direction, _ in findings.present} != set(PdoDirection):
+    if {direction for direction, _ in findings.cob_ids} != set(PdoDirection):
         with pytest.raises(Dsp402Error, match="PDOs of the drive"):
             plan(operation, findings)
         return

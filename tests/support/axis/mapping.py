@@ -21,9 +21,9 @@ def straight_plan(layout: PdoLayout, node_id: int, available: Collection[int], *
     """For a device with these communication parameters, which can map everything."""
     device = PdoCapabilities.of(layout)
     findings = found_in_data_sheet(device)
-    findings.present = {
-        (way, number) for way, number in findings.present if way.communication_index + number - 1 in available
-    }
+    for way, number in [*findings.cob_ids]:
+        if way.communication_index + number - 1 not in available:
+            del findings.cob_ids[way, number]
     return plan_pdos(layout, device, node_id, findings, sync=sync)
 
 
