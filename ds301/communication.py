@@ -83,6 +83,8 @@ SYNC_COB_ID = 0x1005
 SYNC_PERIOD = 0x1006
 """Communication cycle period in microseconds."""
 SYNC_WINDOW = 0x1007
+SYNC_COUNTER = 0x1019
+"""Synchronous counter overflow value: not 0 if the SYNC has a counter. It can be written while 1006h is 0 only."""
 DEVICE_NAME = 0x1008
 GUARD_TIME = 0x100C
 LIFE_TIME_FACTOR = 0x100D

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort, SdoAbortedError
+from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
-from pdgw.ds301.objects import Entry
+from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter
 from pdgw.durations import MS
 from pdgw.peers.node.misbehaviour import HEX, Late, Misbehaviour, catalogue, parameter
@@ -164,7 +165,55 @@ class FewPdos(Misbehaviour):
             raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
 
 
+@dataclass(kw_only=True, eq=False)
+class SyncCounter(Misbehaviour):
+    """1019h is 10, so each SYNC without a counter is ignored. It can be written while 1006h is 0."""
+
+    name = "sync-counter"
+    at_configuration = True
+    fixed: int = parameter(0, 0, 1, "1: it cannot be written")
+
+    def begin(self) -> None:
+        entry = Entry(com.SYNC_COUNTER, 0, "Synchronous counter", CanType.U8, Access.RW, default=10)
+        self.node.entries[entry.address] = entry
+        self.node.values[entry.address] = 10
+
+    def end(self) -> None:
+        del self.node.entries[com.SYNC_COUNTER, 0]
+
+    def writing(self, entry: Entry, data: bytes) -> None:
+        if entry.index == com.SYNC_COUNTER:
+            if self.fixed:
+                raise SdoAbortedError(Abort.READ_ONLY)
+            if self.node.values.get((com.SYNC_PERIOD, 0)):
+                raise SdoAbortedError(Abort.CANNOT_STORE_DEVICE_STATE)
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        return can_id != com.SYNC or bool(data) or not self.node.values[com.SYNC_COUNTER, 0]
+
+
 # -- PDO ------------------------------------------------------------------------------------------------------------------
+
+
+_COB_ID_OF_TPDO1, _TYPE_OF_TPDO1 = (0x1800, 1), (0x1800, 2)
+
+
+@dataclass(kw_only=True, eq=False)
+class PolledTpdo(Misbehaviour):
+    """The transmission type of TPDO1 is fixed to FDh: it is sent on remote request only, here never."""
+
+    name = "polled-tpdo"
+    at_configuration = True
+
+    def reading(self, entry: Entry, data: bytes) -> bytes:
+        return b"\xfd" if entry.address == _TYPE_OF_TPDO1 else data
+
+    def writing(self, entry: Entry, data: bytes) -> None:
+        if entry.address == _TYPE_OF_TPDO1:
+            raise SdoAbortedError(Abort.READ_ONLY)
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        return can_id != int(self.node.values.get(_COB_ID_OF_TPDO1, 0)) & STANDARD_ID
 
 
 @dataclass(kw_only=True, eq=False)
@@ -354,6 +403,8 @@ NODE_MISBEHAVIOURS = catalogue(
         FixedPdoMapping,
         MappingAbort,
         FewPdos,
+        PolledTpdo,
+        SyncCounter,
         LostPdos,
         DuplicatedPdos,
         LatePdos,

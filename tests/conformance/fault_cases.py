@@ -95,6 +95,8 @@ DRIVE_CASES: tuple[Case, ...] = (
     Case("fixed-pdo-mapping", Reaction.REFUSES, (106,), Activity.START, telegram=9),
     Case("mapping-abort", Reaction.REFUSES, (106,), Activity.START, telegram=9),
     Case("two-pdos", Reaction.CONTINUES, activity=Activity.START, telegram=100),
+    Case("polled-tpdo", Reaction.CONTINUES, activity=Activity.START),
+    Case("sync-counter", Reaction.CONTINUES, activity=Activity.START),
     Case("lost-pdos", Reaction.CONTINUES),
     Case(
         "lost-pdos",
@@ -174,7 +176,15 @@ ENCODER_CASES: tuple[Case, ...] = (
     # 1016h: an encoder moves nothing that it could stop by monitoring the gateway.
     *_encoder_cases(Reaction.MEASURES, (), "object-missing", activity=Activity.START),
     # The position is mapped already, or read by SDO.
-    *_encoder_cases(Reaction.MEASURES, (), "fixed-pdo-mapping", "mapping-abort", activity=Activity.START),
+    *_encoder_cases(
+        Reaction.MEASURES,
+        (),
+        "fixed-pdo-mapping",
+        "mapping-abort",
+        "polled-tpdo",
+        "sync-counter",
+        activity=Activity.START,
+    ),
     Case("two-pdos", Reaction.MEASURES, (), Activity.START, {"pdos": 0}, telegram=81, device=Device.ENCODER),
     Case(
         "sdo-timeout",
