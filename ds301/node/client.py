@@ -28,6 +28,7 @@ from pdgw.ds301.communication import (
     ERROR_REGISTER,
     NMT,
     SDO_REQUEST,
+    SYNC_COUNTER,
     NmtCommand,
     NmtState,
 )
@@ -429,7 +430,9 @@ class NodeClient(abc.ABC, Generic[S]):
         self._find_emcy()
         self._expected_accesses = self.sdo.accesses + _CONFIGURATION
         self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")
-        self._configure_pdos()
+        plan = self._configure_pdos()
+        if plan.needs_sync and self._may_have(SYNC_COUNTER):
+            self.sdo.stop_sync_counter()
         self._configure()
         for slot in self._slots:
             self.network.subscribe_pdo(slot.cob_id, self._receiver(slot))
@@ -442,7 +445,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _find_emcy(self) -> None:
         """Also take the EMCY from the COB-ID in 1014h, unless other frames have it."""
         cob_id, network = 0, self.network
-        if self.settings.eds is None or EMCY_COB_ID in self.sdo.dictionary:
+        if self._may_have(EMCY_COB_ID):
             with suppress(SdoAbortedError):
                 cob_id = self.sdo.read_number(EMCY_COB_ID)
         if cob_id == self._moved_emcy:
@@ -453,6 +456,10 @@ class NodeClient(abc.ABC, Generic[S]):
         self._moved_emcy = cob_id if moved else 0
         if moved:
             network.subscribe(cob_id, self._on_emcy)
+
+    def _may_have(self, index: int) -> bool:
+        """Whether the data sheet has an object; the built-in ones do not have everything."""
+        return self.settings.eds is None or index in self.sdo.dictionary
 
     def _receiver(self, slot: TpdoSlot) -> PdoCallback:
         """What takes the frames of a TPDO. Only one on SYNC has a second one: the others are also sent on change."""
@@ -466,7 +473,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
         return receive
 
-    def _configure_pdos(self) -> None:
+    def _configure_pdos(self) -> PdoPlan:
         """Plan the PDOs and map them."""
         found = {index: cob_id for index in self.sdo.dictionary if (cob_id := self.sdo.cob_id_of(index)) is not None}
         self._unsubscribe_pdos()
@@ -483,6 +490,7 @@ class NodeClient(abc.ABC, Generic[S]):
             plan = self._make_plan(mapping.findings)
             self._check_cob_ids(plan)
         self._use_plan(plan)
+        return plan
 
     def _check_cob_ids(self, plan: PdoPlan) -> None:
         """Refuse a plan with the COB-ID of another node: that node would take the commands, or its values would be mixed."""

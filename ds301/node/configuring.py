@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import canopen
 
-from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, abort_text
+from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import IDENTITY, profile_of
+from pdgw.ds301.communication import IDENTITY, SYNC_COUNTER, SYNC_PERIOD, profile_of
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, has_effect
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
@@ -128,6 +128,27 @@ class ConfiguringAccess(SdoAccess):
         found = self.read(step.index, step.subindex)
         if found != step.data:
             raise self.error_type(step.meaning, found.hex(), f"{step.data.hex()} when read back")
+
+    def read_optional(self, index: int, subindex: int = 0) -> int:
+        """A number; 0 for an object that the node does not have."""
+        try:
+            return self.read_number(index, subindex)
+        except SdoAbortedError as error:
+            if error.code not in NOT_THERE:
+                raise
+            return 0
+
+    def stop_sync_counter(self) -> None:
+        """Make a node accept a SYNC without a counter; the package's error if 1019h stays. It can be written while 1006h is 0."""
+        if not self.read_optional(SYNC_COUNTER):
+            return
+        period = self.read_optional(SYNC_PERIOD)
+        pause, resume = (
+            SdoStep(SYNC_PERIOD, 0, CanType.U32, value, "SYNC period", optional=True) for value in (0, period)
+        )
+        self.do(pause)
+        self.write_checked(SdoStep(SYNC_COUNTER, 0, CanType.U8, 0, "SYNC counter overflow value"))
+        self.do(resume)
 
     def _is_mapped(self, pdo: Pdo) -> bool:
         """Whether the PDO carries exactly these objects already."""

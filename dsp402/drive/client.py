@@ -220,7 +220,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.sdo.check_identity(device_type, self._device)
 
     def _read_device(self) -> None:
-        self._device = self.sdo.require(*IDENTITY_VENDOR), self._read_optional(*IDENTITY_PRODUCT)
+        self._device = self.sdo.require(*IDENTITY_VENDOR), self.sdo.read_optional(*IDENTITY_PRODUCT)
 
     def _compare_identity(self) -> None:
         if self._identity is not None and self._device != self._identity:
@@ -256,7 +256,7 @@ class DriveClient(NodeClient[DriveSettings]):
             return None if error.code in NOT_THERE else b""
 
     def _read_capabilities(self) -> PdoCapabilities:
-        self.serial_number = self._read_optional(*IDENTITY_SERIAL)
+        self.serial_number = self.sdo.read_optional(*IDENTITY_SERIAL)
         self.own_values.identify((*self._device, self.serial_number))
         carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
         self.own_values.carry(carried, off=self._is_off)
@@ -337,15 +337,6 @@ class DriveClient(NodeClient[DriveSettings]):
                 refusal = f"= {value}: {error}"
         if refusal:
             self._notify("status", f"relative tasks may begin at the last target, also after a stop: 60F2h {refusal}")
-
-    def _read_optional(self, index: int, subindex: int) -> int:
-        """0 for an object that the drive does not have."""
-        try:
-            return self.sdo.read_number(index, subindex)
-        except SdoAbortedError as error:
-            if error.code not in NOT_THERE:
-                raise
-            return 0
 
     def _write_for_client(self, index: int, subindex: int, data: bytes) -> None:
         """The drive stores its own values (1010h), not those of the RPDOs: such an RPDO is not sent meanwhile. What it restores

@@ -19,6 +19,7 @@ from pdgw.ds301.communication import (
     SDO_SERVERS,
     STORE_PARAMETERS,
     SYNC_COB_ID,
+    SYNC_COUNTER,
     SYNC_WINDOW,
 )
 from pdgw.ds301.pdo import PDO_PARAMETERS
@@ -57,6 +58,9 @@ GUARDED: tuple[GuardedRange, ...] = (
         PRODUCER_HEARTBEAT,
         "EMCY and heartbeats: faults would not be reported, and the loss of the gateway would not be noticed",
         Check.CONFIGURATION,
+    ),
+    GuardedRange(
+        SYNC_COUNTER, SYNC_COUNTER, "counter of SYNC: TPDOs that wait for SYNC would stop", Check.CONFIGURATION
     ),
     GuardedRange(ERROR_BEHAVIOUR, ERROR_BEHAVIOUR, "error behaviour of the node: its PDOs may stop", Check.NOTHING),
     GuardedRange(

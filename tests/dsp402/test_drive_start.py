@@ -10,7 +10,7 @@ import can
 import pytest
 
 from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.communication import NmtCommand, NmtState
+from pdgw.ds301.communication import SYNC_COUNTER, SYNC_PERIOD, NmtCommand, NmtState
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.sdo_transfer import ABORT
@@ -22,7 +22,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.units.mechanics import UnitKeys
 from pdgw.durations import MS, SECOND
-from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.node.node import Value
 from tests.support.drives.drive_types import engel
@@ -429,6 +429,43 @@ def test_sync_lets_the_tpdos_wait_for_the_cycle(plant: Plant) -> None:
     cycling = False
     site.wait_for(lambda: client.status is DriveStatus.LOST, "lost without SYNC")
     assert "TPDO1" in client.status_text
+
+
+def _count_sync(plant: Plant, period_us: int, **fault: int) -> None:
+    """Bring up a drive that expects a counter in each SYNC; it still has the period of an earlier start."""
+    plant.drive = drive = site.drive(NODE, shape=shape("synchronous"))
+    drive.node.start_fault("sync-counter", **fault)
+    drive.start()
+    drive.node.values[SYNC_PERIOD, 0] = 2000
+
+    def send_sync() -> None:
+        plant.network.send_sync()
+        plant.network.loop.call_later(4 * MS, send_sync)
+
+    send_sync()
+    plant.connect(Operation.CYCLIC_VELOCITY, sync=True, sync_period_us=period_us, initial_mode=Mode.CYCLIC_VELOCITY)
+
+
+@pytest.mark.parametrize("period_us", [0, 4000])
+def test_sync_counter_of_a_drive_is_switched_off_with_period_0(plant: Plant, period_us: int) -> None:
+    _count_sync(plant, period_us)
+    plant.online()
+    assert plant.drive is not None
+    assert plant.drive.node.read(SYNC_COUNTER) == 0
+    assert plant.drive.node.read(SYNC_PERIOD) == (period_us or 2000)
+
+
+def test_sync_counter_that_a_drive_keeps_is_named(plant: Plant) -> None:
+    _count_sync(plant, 4000, fixed=1)
+    text = plant.refused()
+    assert "1019h/0 := 0h" in text
+    assert "attempt to write a read-only object" in text
+
+
+def test_sync_counter_of_a_drive_without_sync_is_not_written(plant: Plant) -> None:
+    drive = plant.power_on(misbehaves="sync-counter")
+    plant.connected()
+    assert drive.node.read(SYNC_COUNTER) == 10
 
 
 # -- a node whose heartbeat is dead ------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.communication import NmtCommand, NmtState
+from pdgw.ds301.communication import SYNC_COUNTER, NmtCommand, NmtState
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.node import NodeStatus
@@ -102,6 +102,21 @@ def test_sync_uses_the_second_transmit_pdo(plant: Plant) -> None:
     assert encoder.node.read(0x1800, 1) == 0x8000_0180 + NODE
     assert encoder.node.read(0x6200) == 0
     assert fresh(client).feedback.channel(1).position == 2048
+
+
+def test_sync_counter_of_an_encoder_is_switched_off(plant: Plant) -> None:
+    _with(plant, "sync-counter")
+    client = plant.connect(sync=True)
+    _on_sync(plant, client)
+    assert plant.encoder is not None
+    assert plant.encoder.node.read(SYNC_COUNTER) == 0
+
+
+def test_sync_counter_that_an_encoder_keeps_is_named(plant: Plant) -> None:
+    _with(plant, "sync-counter", fixed=1)
+    client = plant.connect(sync=True)
+    site.wait_for(lambda: client.status is NodeStatus.REFUSED, "refusal")
+    assert "1019h/0 := 0h" in client.status_text
 
 
 def test_parameters_are_read_again_by_a_job(plant: Plant) -> None:
