@@ -24,8 +24,8 @@ from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.node.planner import Findings, found_in_data_sheet, plan_pdos
-from pdgw.ds301.objects import CanType
-from pdgw.ds301.pdo import Pdo, PdoCapabilities
+from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.pdo import PdoCapabilities
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.images import (
@@ -132,8 +132,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def refresh(self, now: int) -> bool:
         """Cyclic: as for every node, and no value that is read by SDO may be overdue either."""
         fresh = super().refresh(now)
-        names = (name for pdo in self._acyclic_tpdos for name in pdo.attributes)
-        return fresh and all(now - self._read_times.get(name, 0) <= self._read_age_ns for name in names)
+        read = (self._read_times.get(entry.attribute, 0) for entry in self._acyclic)
+        return fresh and all(now - time <= self._read_age_ns for time in read)
 
     @property
     def _read_age_ns(self) -> int:
@@ -143,7 +143,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
     @property
     def position_age_ns(self) -> int:
         """Longest age of a position that counts."""
-        return max(self._timeout_ns, self._read_age_ns) if self._acyclic_tpdos else self._timeout_ns
+        return max(self._timeout_ns, self._read_age_ns) if self._acyclic else self._timeout_ns
 
     # -- the node's task ------------------------------------------------------------------------------------------------
 
@@ -182,10 +182,10 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.feedback.error_code = 0
         self._read_diagnostics()
 
-    def _read_acyclic(self, pdo: Pdo) -> None:
+    def _read_acyclic(self, entry: Entry) -> None:
         begun = self.loop.now()
-        super()._read_acyclic(pdo)
-        self._read_times.update(dict.fromkeys(pdo.attributes, begun))
+        super()._read_acyclic(entry)
+        self._read_times[entry.attribute] = begun
 
     def _exchange_acyclic(self, now: int) -> None:
         before = self._acyclic_read

@@ -43,8 +43,8 @@ from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
-from pdgw.ds301.objects import CanType
-from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoCapabilities, PdoDirection, PdoLayout, pdo_of
+from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, pdo_of
 from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")
@@ -117,7 +117,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """Counts completed configurations, so that the owner sees each restart exactly once."""
         self._old_length_errors = 0
         self._slots: list[TpdoSlot] = []
-        self._acyclic_tpdos: list[Pdo] = []
+        self._acyclic: list[Entry] = []
+        """Objects without a TPDO."""
         self._acyclic_due = 0
         self._acyclic_failures = 0
         self._acyclic_read = 0
@@ -407,7 +408,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._interrupted:
             return
         self.generation += 1
-        self._acyclic_due = self.loop.now() if self._acyclic_tpdos else _NEVER
+        self._acyclic_due = self.loop.now() if self._acyclic else _NEVER
         self._acyclic_until = self._acyclic_due + self._acyclic_limit_ns
         self._sending = True
         self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
@@ -436,8 +437,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._configure()
         for slot in self._slots:
             self.network.subscribe_pdo(slot.cob_id, self._receiver(slot))
-        for pdo in self._acyclic_tpdos:
-            self._read_acyclic(pdo)
+        for entry in self._acyclic:
+            self._read_acyclic(entry)
         self._acyclic_failures = 0
         self.heartbeat.begin(self.settings.heartbeat_ms)
         self._nmt(NmtCommand.START)
@@ -530,7 +531,7 @@ class NodeClient(abc.ABC, Generic[S]):
             slot.second = SecondTpdos(self.sdo.doubles, str(slot.pdo)) if item.pace is Pace.SYNC else None
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
-        self._acyclic_tpdos = list(plan.read)
+        self._acyclic = list(plan.read)
         # A client that reads a long object must not delay what the owner commands and reads by SDO.
         self.sdo.longest_upload_ns = self._sdo_timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
@@ -724,8 +725,8 @@ class NodeClient(abc.ABC, Generic[S]):
         if now >= self._acyclic_due:
             self._acyclic_due = now + _ACYCLIC_PDO_NS
             self._acyclic_failures += 1
-            for pdo in self._acyclic_tpdos:
-                self._read_acyclic(pdo)
+            for entry in self._acyclic:
+                self._read_acyclic(entry)
             self._acyclic_failures = 0
             self._acyclic_read = now
             self._acyclic_until = now + self._acyclic_limit_ns
@@ -734,10 +735,9 @@ class NodeClient(abc.ABC, Generic[S]):
     def _acyclic_limit_ns(self) -> int:
         return ACYCLIC_FAILURES * (_ACYCLIC_PDO_NS + self._sdo_timeout_ns)
 
-    def _read_acyclic(self, pdo: Pdo) -> None:
-        for entry in pdo.entries:
-            signed = entry.type.char.islower()
-            setattr(self._image, entry.attribute, self.sdo.require(*entry.address, signed=signed))
+    def _read_acyclic(self, entry: Entry) -> None:
+        signed = entry.type.char.islower()
+        setattr(self._image, entry.attribute, self.sdo.require(*entry.address, signed=signed))
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 

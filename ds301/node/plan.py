@@ -61,10 +61,10 @@ class PdoPlan:
     rpdos: tuple[PlannedPdo, ...]
     """In the order they are sent; that of the command is the last."""
     tpdos: tuple[PlannedPdo, ...]
-    written: tuple[Pdo, ...] = ()
-    """Objects that are written by SDO when they change, in groups that are written together."""
-    read: tuple[Pdo, ...] = ()
-    """Objects that are read by SDO periodically, in groups."""
+    written: tuple[Entry, ...] = ()
+    """Objects that are written by SDO when they change."""
+    read: tuple[Entry, ...] = ()
+    """Objects that are read by SDO periodically."""
     notes: tuple[str, ...] = field(default=())
     """Decisions and their reasons, for the user."""
 
@@ -81,24 +81,22 @@ class PdoPlan:
     @property
     def commanded(self) -> Iterator[Entry]:
         """The objects that only the exchange writes."""
-        for pdo in (*(item.pdo for item in self.rpdos), *self.written):
-            yield from pdo.entries
+        for item in self.rpdos:
+            yield from item.pdo.entries
+        yield from self.written
 
     @property
     def shown(self) -> Iterator[str]:
         """The image attributes that are known of the device."""
-        for pdo in (*(item.pdo for item in self.tpdos), *self.read):
-            yield from pdo.attributes
+        for item in self.tpdos:
+            yield from item.pdo.attributes
+        yield from (entry.attribute for entry in self.read)
 
     @property
     def lines(self) -> tuple[str, ...]:
         """For the user: each PDO, the objects transferred by SDO, and the notes."""
         by_sdo = ((self.written, "written by SDO when they change"), (self.read, "read by SDO every 100 ms"))
-        told = [
-            f"{what}: {', '.join(str(entry) for group in groups for entry in group.entries)}"
-            for groups, what in by_sdo
-            if groups
-        ]
+        told = [f"{what}: {', '.join(map(str, entries))}" for entries, what in by_sdo if entries]
         return (*map(str, (*self.rpdos, *self.tpdos)), *told, *self.notes)
 
     def frames(self, node_id: int, cycle_rate: float, tpdo_rate: float, often: Collection[str]) -> list[CyclicFrames]:

@@ -119,12 +119,8 @@ def plan_pdos(
     rpdos, written = _Direction(PdoDirection.RPDO, *shared, sync_rpdos).planned()
     tpdos, read = _Direction(PdoDirection.TPDO, *shared, sync).planned()
     # Read values that are sent only on change by SDO as well: a lost frame would otherwise stay undetected.
-    read += [
-        Pdo(entry_pdo.direction, entry_pdo.number, (entry,))
-        for entry_pdo in (item.pdo for item in tpdos if item.pace is Pace.CHANGE)
-        for entry in entry_pdo.entries
-        if entry.attribute
-    ]
+    on_change = (item.pdo for item in tpdos if item.pace is Pace.CHANGE)
+    read += [entry for pdo in on_change for entry in pdo.entries if entry.attribute]
     rpdos.sort(key=lambda item: (not needs.essential.isdisjoint(item.pdo.attributes), -item.pdo.number))
     return PdoPlan(tuple(rpdos), tuple(tpdos), tuple(written), tuple(read), tuple(notes))
 
@@ -175,32 +171,28 @@ class _Direction:
 
     # -- assignment -------------------------------------------------------------------------------------------------------
 
-    def planned(self) -> tuple[list[PlannedPdo], list[Pdo]]:
+    def planned(self) -> tuple[list[PlannedPdo], list[Entry]]:
         """PDOs, and by SDO the rest."""
         free = [number for number in sorted(self.slots) if number not in self.fixed]
         pdos: list[Pdo] = []
-        left: list[tuple[int, Entry]] = []
+        left: list[Entry] = []
         for pdo in self.needs:
             carried, rest = self._into(pdo, free)
             if carried is not None:
                 free.remove(carried.number)
                 pdos.append(carried)
-            left += [(pdo.number, entry) for entry in rest]
-        adopted = self._adopt(
-            [entry for _, entry in left], has_essential=any(self.essential in pdo.attributes for pdo in pdos)
-        )
+            left += rest
+        adopted = self._adopt(left, has_essential=any(self.essential in pdo.attributes for pdo in pdos))
         taken = {attribute for pdo in adopted for attribute in pdo.attributes}
         self.notes += [
             f"{entry} not available in a PDO: {self.layout.optional[entry.attribute]}"
-            for _, entry in left
+            for entry in left
             if entry.attribute in self.layout.cyclic_only - taken
         ]
         taken |= self.layout.cyclic_only
         fixed = {pdo.number for pdo in adopted}
         planned = [self._planned(pdo, adopted=pdo.number in fixed) for pdo in (*pdos, *adopted)]
-        return planned, [
-            Pdo(self.direction, number, (entry,)) for number, entry in left if entry.attribute not in taken
-        ]
+        return planned, [entry for entry in left if entry.attribute not in taken]
 
     def _is_mappable(self, entry: Entry) -> bool:
         address = entry.address
@@ -282,9 +274,9 @@ class _Direction:
     def _planned(self, pdo: Pdo, *, adopted: bool) -> PlannedPdo:
         key = self._key(pdo.number)
         findings = self.findings
-        own = self._own_cob_id(pdo.number)
+        own, found = self._own_cob_id(pdo.number), findings.cob_ids[key] & STANDARD_ID
         kept = key in findings.kept or own is None
-        cob_id = findings.cob_ids[key] & STANDARD_ID if kept or own is None else own
+        cob_id = own if own is not None and not (kept and found) else found
         timer = self.slots[pdo.number].event_timer and key not in findings.timerless
         pace, type_ = self._pace(key, timer=timer or self.device.common_timer)
         return PlannedPdo(pdo, cob_id, pace, type_, adopted, kept, timer and pace is Pace.TIMER)

@@ -39,10 +39,11 @@ class _Sender:
 
 
 class _Values:
-    """The values of an RPDO the drive does not have: set in the cycle, written by SDO in the node's task."""
+    """The values of an object without an RPDO: set in the cycle, written by SDO in the node's task."""
 
-    def __init__(self, pdo: Pdo) -> None:
-        self.pdo = pdo
+    def __init__(self, entry: Entry) -> None:
+        self.entry = entry
+        self.pack = struct.Struct("<" + entry.type.char).pack
         self.newest = b""
         self.written: bytes | None = b""
         """The confirmed value in the drive; None during a write or after a failed one."""
@@ -103,7 +104,7 @@ class RpdoSender:
         *data, control = plan.rpdos
         self.control = _Sender(control.pdo, control.cob_id)
         self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
-        self.written = [_Values(pdo) for pdo in plan.written]
+        self.written = [_Values(entry) for entry in plan.written]
         self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
         self._data_by_sync = control.pace is not Pace.SYNC and any(item.pace is Pace.SYNC for item in data)
         self._set_point_sent = self.set_point_refused = False
@@ -137,7 +138,7 @@ class RpdoSender:
     @property
     def written_entries(self) -> list[Entry]:
         """The objects without RPDO."""
-        return [entry for values in self.written for entry in values.pdo.entries]
+        return [values.entry for values in self.written]
 
     @property
     def entries(self) -> list[Entry]:
@@ -163,7 +164,7 @@ class RpdoSender:
         if self._mode.awaited is not None:
             command.target_velocity = 0
         for values in self.written:
-            values.newest = values.pdo.pack(command)
+            values.newest = values.pack(getattr(command, values.entry.attribute))
         complete = True
         for sender in self._data_senders:
             complete = self._put(sender, sender.pdo.pack(command), now) and complete
@@ -247,15 +248,10 @@ class RpdoSender:
         # Not confirmed while it is being written; the cycles continue meanwhile.
         values.written = None
         data, held_since = values.newest, self._held_since
-        offset = 0
-        entry = values.pdo.entries[0]
         try:
-            for entry in values.pdo.entries:
-                size = entry.type.bits // 8
-                write(*entry.address, data[offset : offset + size])
-                offset += size
+            write(*values.entry.address, data)
         except (SdoAbortedError, SdoCommunicationError, struct.error, ValueError) as error:
-            text = f"{entry}: {error}"
+            text = f"{values.entry}: {error}"
             if text != values.error:  # log it once until it changes
                 values.error = text
                 self._notify("status", f"object without PDO: {text}")

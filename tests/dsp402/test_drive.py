@@ -15,7 +15,7 @@ from pdgw.ds301.bus.port import open_bus
 from pdgw.ds301.communication import NMT, STORE_PARAMETERS, NmtCommand
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.objects import CanType, Entry
-from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus, load_eds
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
@@ -204,7 +204,7 @@ def test_unexpected_error_in_a_drives_task_sets_it_offline(plant: Plant) -> None
     client = plant.connected()
     assert client.refresh(site.now())
     nowhere = replace(DRIVE_OBJECTS.attribute("position_actual"), attribute="of_no_image")
-    client._acyclic_tpdos.append(Pdo(PdoDirection.TPDO, 4, (nowhere,)))
+    client._acyclic.append(nowhere)
     client._acyclic_due = 0
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert client.refresh(site.now()) is False

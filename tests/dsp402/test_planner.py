@@ -38,7 +38,7 @@ def mapped(pdo: Pdo) -> tuple[PdoDirection, int, list[int], tuple[str, ...]]:
 
 
 def carried(found: PdoPlan) -> set[str]:
-    return {name for pdo in (*(item.pdo for item in found.rpdos), *found.written) for name in pdo.attributes}
+    return {entry.attribute for entry in found.commanded if entry.attribute}
 
 
 def shown(found: PdoPlan) -> set[str]:
@@ -136,7 +136,7 @@ def test_rpdo_with_an_object_without_a_value_is_not_used() -> None:
     found = plan(Operation.VELOCITY, findings)
     assert [item.pdo.number for item in found.rpdos] == [2]
     assert found.rpdos[0].pdo.size == 3
-    assert [entry.attribute for group in found.written for entry in group.entries] == ["target_velocity"]
+    assert [entry.attribute for entry in found.written] == ["target_velocity"]
     assert found.tpdos[0].pdo.attributes == ("statusword", "velocity_actual")
     assert found.tpdos[0].pdo.size == 8
 
@@ -152,8 +152,8 @@ def test_objects_that_cannot_be_mapped_go_by_sdo() -> None:
     findings = found_in_data_sheet(ENGEL.pdos)
     findings.unmappable |= {(0x607A, 0), (0x6061, 0)}
     found = plan(Operation.POSITIONING, findings)
-    assert [entry.index for group in found.written for entry in group.entries] == [0x607A]
-    assert [entry.index for group in found.read for entry in group.entries] == [0x6061]
+    assert [entry.index for entry in found.written] == [0x607A]
+    assert [entry.index for entry in found.read] == [0x6061]
     assert found.rpdos[-1].pdo.attributes == ("modes_of_operation", "controlword")
 
 
@@ -204,7 +204,7 @@ def test_tpdo_on_sync_after_a_change_is_also_read_by_sdo() -> None:
     findings.types[TPDO, 1] = 0
     found = plan(Operation.VELOCITY, findings)
     assert (found.tpdos[0].pace, found.tpdos[0].type, found.needs_sync) == (Pace.CHANGE, 0, True)
-    assert [group.attributes for group in found.read] == [("statusword",), ("velocity_actual",)]
+    assert [entry.attribute for entry in found.read] == ["statusword", "velocity_actual"]
 
 
 def test_cob_ids_that_cannot_be_written_are_kept_and_others_beyond_the_fifth_too() -> None:
@@ -248,7 +248,7 @@ def test_any_findings_give_a_plan_with_everything_or_a_refusal(
     assert carried(found) == rpdos
     spare = LAYOUTS[operation].cyclic_only
     assert tpdos - spare <= shown(found) <= tpdos
-    assert not {name for pdo in found.read for name in pdo.attributes} & spare, "by SDO it would be too old"
+    assert not {entry.attribute for entry in found.read} & spare, "by SDO it would be too old"
     steps = plan_steps(
         found, NODE, {0x1400 + n for n in range(5)} | {0x1800 + n for n in range(5)}, event_ms=50, inhibit_us=0
     )
