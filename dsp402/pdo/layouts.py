@@ -7,7 +7,7 @@ chooses.
 from __future__ import annotations
 
 import enum
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from pdgw.ds301.objects import Entry
@@ -152,14 +152,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
 
 def with_objects(layout: PdoLayout, entries: Mapping[str, Entry]) -> PdoLayout:
     """The layout with objects replaced by image attribute, for example by those of a family (``Overlay.entries``)."""
-
-    def resolved(pdos: Sequence[Pdo]) -> tuple[Pdo, ...]:
-        return tuple(
-            Pdo(item.direction, item.number, tuple(entries.get(entry.attribute, entry) for entry in item.entries))
-            for item in pdos
-        )
-
-    return replace(layout, rpdos=resolved(layout.rpdos), tpdos=resolved(layout.tpdos))
+    return _with(layout, lambda entry: entries.get(entry.attribute, entry))
 
 
 def with_second_position(layout: PdoLayout) -> PdoLayout:
@@ -178,9 +171,14 @@ def without_position(layout: PdoLayout) -> PdoLayout:
 
 def without(layout: PdoLayout, attributes: Collection[str]) -> PdoLayout:
     """The layout without the objects of these image attributes."""
-    return replace(layout, rpdos=_without(attributes, layout.rpdos), tpdos=_without(attributes, layout.tpdos))
+    return _with(layout, lambda entry: None if entry.attribute in attributes else entry)
 
 
-def _without(attributes: Collection[str], pdos: Sequence[Pdo]) -> tuple[Pdo, ...]:
-    kept = ((item, tuple(entry for entry in item.entries if entry.attribute not in attributes)) for item in pdos)
-    return tuple(Pdo(item.direction, item.number, entries) for item, entries in kept if entries)
+def _with(layout: PdoLayout, change: Callable[[Entry], Entry | None]) -> PdoLayout:
+    """The layout with other objects; None: without an object, and without a PDO that has none left."""
+
+    def changed(pdos: Sequence[Pdo]) -> tuple[Pdo, ...]:
+        kept = ((item, tuple(filter(None, map(change, item.entries)))) for item in pdos)
+        return tuple(Pdo(item.direction, item.number, entries) for item, entries in kept if entries)
+
+    return replace(layout, rpdos=changed(layout.rpdos), tpdos=changed(layout.tpdos))
