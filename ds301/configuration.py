@@ -81,11 +81,10 @@ def map_pdo(
     return steps
 
 
-def disable_pdo(direction: PdoDirection, number: int, node_id: int) -> SdoStep:
-    """The write that keeps an unused PDO off the bus."""
-    cob_id = direction.cob_id(number, node_id) | COB_ID_INVALID
+def disable_pdo(direction: PdoDirection, number: int, cob_id: int) -> SdoStep:
+    """The write that keeps an unused PDO off the bus, with the COB-ID that it has or would have."""
     index = direction.communication_index + number - 1
-    return SdoStep(index, 1, CanType.U32, cob_id, f"{direction.label}{number} unused")
+    return SdoStep(index, _COB_ID, CanType.U32, cob_id | COB_ID_INVALID, f"{direction.label}{number} unused")
 
 
 def has_effect(step: SdoStep, found: int) -> bool:

@@ -79,9 +79,9 @@ class EncoderSheet:
     def __init__(self, settings: EncoderSettings) -> None:
         self.settings = settings
         self.dictionary = load_eds(settings.eds or eds_path(settings.device), settings.node_id)
-        found = pdo_capabilities(self.dictionary)
-        self.capabilities = replace(found, common_timer=CYCLIC_TIMER in self.dictionary)
-        self.layout = encoder_layout(self.dictionary, found, settings.channels, sync=settings.sync)
+        device = replace(pdo_capabilities(self.dictionary), common_timer=CYCLIC_TIMER in self.dictionary)
+        self.capabilities = device
+        self.layout = encoder_layout(self.dictionary, device, settings.channels, sync=settings.sync)
 
     def plan(self, findings: Findings | None = None) -> PdoPlan:
         """The plan for an encoder that gave these answers; None: for one that does what its data sheet says.
@@ -92,7 +92,7 @@ class EncoderSheet:
             self.layout,
             self.capabilities,
             self.settings.node_id,
-            found_in_data_sheet(self.capabilities) if findings is None else findings,
+            findings or found_in_data_sheet(self.capabilities),
             sync=self.settings.sync,
             event_driven=EVENT_DRIVEN_MANUFACTURER,
         )
@@ -164,10 +164,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def _make_plan(self, findings: Findings) -> PdoPlan:
         return self._sheet.plan(findings)
 
-    def _configure(self) -> None:
+    def _configure(self, plan: PdoPlan) -> None:
         settings = self.settings
-        plan = self.plan
-        assert plan is not None
         if self._sheet.capabilities.common_timer and any(item.pace is Pace.TIMER for item in plan.tpdos):
             self.sdo.do(SdoStep(CYCLIC_TIMER, 0, CanType.U16, settings.tpdo_event_ms, "cyclic timer"))
         self.heartbeat.expected = settings.heartbeat_ms > 0

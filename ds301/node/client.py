@@ -32,7 +32,7 @@ from pdgw.ds301.communication import (
     NmtCommand,
     NmtState,
 )
-from pdgw.ds301.configuration import EVERY_SYNC, SdoStep
+from pdgw.ds301.configuration import EVERY_SYNC, disable_pdo
 from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
@@ -43,7 +43,7 @@ from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
-from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, pdo_of
 from pdgw.durations import MS, SECOND
 
@@ -176,7 +176,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self.sdo.check_identity(device_type, sheet=sheet)
 
     @abc.abstractmethod
-    def _configure(self) -> None:
+    def _configure(self, plan: PdoPlan) -> None:
         """Everything between the mapping of the PDOs and NMT start, in the node's task; errors refuse the node."""
 
     @abc.abstractmethod
@@ -434,7 +434,7 @@ class NodeClient(abc.ABC, Generic[S]):
         plan = self._configure_pdos()
         if plan.needs_sync and self._may_have(SYNC_COUNTER):
             self.sdo.stop_sync_counter()
-        self._configure()
+        self._configure(plan)
         for slot in self._slots:
             self.network.subscribe_pdo(slot.cob_id, self._receiver(slot))
         for entry in self._acyclic:
@@ -514,7 +514,7 @@ class NodeClient(abc.ABC, Generic[S]):
             direction, number = pdo_of(index)
             if cob_id & COB_ID_INVALID or plan.uses(index) or direction.has_cob_id(number, node_id):
                 continue
-            step = SdoStep(index, 1, CanType.U32, cob_id | COB_ID_INVALID, f"{direction.label}{number} unused")
+            step = disable_pdo(direction, number, cob_id)
             try:
                 self.sdo.write_repeatedly(step.index, step.subindex, step.data)
             except SdoAbortedError as error:

@@ -14,7 +14,7 @@ from pdgw.ds301.bus.load import CyclicFrames
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SYNC_TYPES, SdoStep, disable_pdo, map_pdo
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import Pdo, PdoDirection
+from pdgw.ds301.pdo import Pdo, PdoDirection, pdo_of
 
 _DATA_PDO_RATE = 100.0
 """Frames per second allowed for in PDOs without Controlword or Statusword."""
@@ -121,11 +121,10 @@ def plan_steps(
     planned = (*plan.rpdos, *plan.tpdos)
     used = {item.pdo.communication_index for item in planned}
     steps: list[SdoStep] = []
-    for direction in PdoDirection:
-        for number in range(1, len(direction.bases) + 1):
-            index = direction.communication_index + number - 1
-            if index in available and index not in used and direction.has_cob_id(number, node_id):
-                steps.append(disable_pdo(direction, number, node_id))
+    for index in sorted(available):
+        direction, number = pdo_of(index)
+        if index not in used and direction.has_cob_id(number, node_id):
+            steps.append(disable_pdo(direction, number, direction.cob_id(number, node_id)))
     for item in sorted(planned, key=lambda item: item.pdo.communication_index):
         timer = event_ms if item.event_timer else None
         writes = map_pdo(item.pdo, item.cob_id, item.type, event_ms=timer, inhibit_us=inhibit_us)

@@ -279,13 +279,12 @@ class DriveClient(NodeClient[DriveSettings]):
             sync_rpdos=settings.sync_period_us > 0,
         )
 
-    def _configure(self) -> None:
+    def _configure(self, plan: PdoPlan) -> None:
         drive, settings = self.drive_type, self.settings
         period_us = settings.sync_period_us
-        assert self.plan is not None
         assert drive is not None
         # With SYNC the drive expects a new setpoint each time.
-        self.rpdos.use_plan(self.plan, self._sdo_timeout_ns, 0 if period_us else settings.rpdo_refresh_ms * MS)
+        self.rpdos.use_plan(plan, self._sdo_timeout_ns, 0 if period_us else settings.rpdo_refresh_ms * MS)
         self._positions_by_sync = period_us > 0 and all(
             entry.attribute != "target_velocity" for entry in self.rpdos.entries
         )
