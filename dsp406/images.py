@@ -43,14 +43,12 @@ class ChannelFeedback:
     @property
     def position(self) -> int:
         """6004h (Unsigned32) or 6020h (Integer32), in measuring units."""
-        value: int = getattr(self._image, self._position)
-        return value
+        return int(getattr(self._image, self._position))
 
     @property
     def speed(self) -> int:
         """6030h in measuring units per second, of a linear encoder in steps of 6005h/2; saturates at the Integer16 limits."""
-        value: int = getattr(self._image, self._speed)
-        return value
+        return int(getattr(self._image, self._speed))
 
 
 class EncoderFeedback:

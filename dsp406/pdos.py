@@ -56,4 +56,4 @@ def _entries(dictionary: canopen.ObjectDictionary, channel: int) -> Iterator[Ent
 
 def _entry(index: int, subindex: int, attribute: str) -> Entry:
     row = _ROWS[index]
-    return Entry(index, subindex, row.name, row.type, row.access, row.pdo, unit=row.unit, attribute=attribute)
+    return Entry(index, subindex, row.name, row.type, attribute=attribute)

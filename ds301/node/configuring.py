@@ -143,12 +143,10 @@ class ConfiguringAccess(SdoAccess):
         if not self.read_optional(SYNC_COUNTER):
             return
         period = self.read_optional(SYNC_PERIOD)
-        pause, resume = (
-            SdoStep(SYNC_PERIOD, 0, CanType.U32, value, "SYNC period", optional=True) for value in (0, period)
-        )
+        pause = SdoStep(SYNC_PERIOD, 0, CanType.U32, 0, "SYNC period", optional=True)
         self.do(pause)
         self.write_checked(SdoStep(SYNC_COUNTER, 0, CanType.U8, 0, "SYNC counter overflow value"))
-        self.do(resume)
+        self.do(replace(pause, value=period))
 
     def _is_mapped(self, pdo: Pdo) -> bool:
         """Whether the PDO carries exactly these objects already."""

@@ -8,7 +8,8 @@ mappings.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError
 from pdgw.ds301.bus.can_frame import STANDARD_ID
@@ -73,8 +74,7 @@ def found_in_data_sheet(device: PdoCapabilities) -> Findings:
     slots = dict(_slots(device))
     cob_ids = {key: slot.cob_id or 0 for key, slot in slots.items()}
     findings = _found(device, cob_ids, lambda key: slots[key].mapping)
-    fixed = ((key, slot.type) for key, slot in slots.items() if not slot.type_writable)
-    findings.types = {key: type_ for key, type_ in fixed if type_ is not None}
+    findings.types = {key: slot.type for key, slot in slots.items() if slot.type is not None and not slot.type_writable}
     return findings
 
 
@@ -145,8 +145,8 @@ class _Direction:
         self.essential = next((name for name in attributes if name in layout.essential), "")
         slots = (slot for key, slot in _slots(self.device) if key[0] is self.direction)
         self.slots = {slot.number: slot for slot in slots if self._is_usable(slot)}
-        fixed = ((number, self.findings.fixed.get(self._key(number))) for number in self.slots)
-        self.fixed = {number: mapping for number, mapping in fixed if mapping is not None}
+        fixed = self.findings.fixed
+        self.fixed = {number: fixed[key] for number in self.slots if (key := self._key(number)) in fixed}
 
     def _key(self, number: int) -> Key:
         return self.direction, number
@@ -182,7 +182,7 @@ class _Direction:
                 free.remove(carried.number)
                 pdos.append(carried)
             left += rest
-        adopted = self._adopt(left, has_essential=any(self.essential in pdo.attributes for pdo in pdos))
+        adopted = self._adopt(left)
         taken = {attribute for pdo in adopted for attribute in pdo.attributes}
         self.notes += [
             f"{entry} not available in a PDO: {self.layout.optional[entry.attribute]}"
@@ -190,8 +190,7 @@ class _Direction:
             if entry.attribute in self.layout.cyclic_only - taken
         ]
         taken |= self.layout.cyclic_only
-        fixed = {pdo.number for pdo in adopted}
-        planned = [self._planned(pdo, adopted=pdo.number in fixed) for pdo in (*pdos, *adopted)]
+        planned = [self._planned(pdo, adopted=pdo in adopted) for pdo in (*pdos, *adopted)]
         return planned, [entry for entry in left if entry.attribute not in taken]
 
     def _is_mappable(self, entry: Entry) -> bool:
@@ -202,12 +201,13 @@ class _Direction:
         return entry.attribute == self.essential or address in self.device.mappable
 
     def _into(self, pdo: Pdo, free: Sequence[int]) -> tuple[Pdo | None, list[Entry]]:
-        """Assign a group to the PDO of its number, else to the next free one. Also return the objects left over."""
+        """Assign a group to the PDO of its number, else to one that is free for others. Also return the objects left over."""
         group = pdo.entries
         requested = [entry for entry in group if self._is_mappable(entry)]
-        number = pdo.number if pdo.number in free else self._spare(free)
-        if number is None and self.essential in pdo.attributes:
-            number = min(free, default=None)
+        named = {item.number for item in self.needs}
+        spare = [number for number in free if number not in named]
+        suited = [pdo.number, *spare, *(free if self.essential in pdo.attributes else ())]
+        number = next((number for number in suited if number in free), None)
         is_mapped = self.fixed.get(pdo.number) == tuple(entry.mapping for entry in group)
         if number is None or not requested or is_mapped:
             return None, list(group)
@@ -215,14 +215,9 @@ class _Direction:
         kept = _fitting(requested, most, self.essential)
         return Pdo(self.direction, number, tuple(kept)), [entry for entry in group if entry not in kept]
 
-    def _spare(self, free: Sequence[int]) -> int | None:
-        """A PDO no group has by its number."""
-        named = {pdo.number for pdo in self.needs}
-        return next((number for number in free if number not in named), None)
-
     # -- mappings of the device ---------------------------------------------------------------------------------------------
 
-    def _adopt(self, left: Sequence[Entry], *, has_essential: bool) -> list[Pdo]:
+    def _adopt(self, left: Sequence[Entry]) -> list[Pdo]:
         """Fixed PDOs for the remaining objects, the most useful first; every object of an RPDO must be known."""
         dropped = self.findings.dropped
         ordered = sorted(left, key=lambda entry: entry.attribute != self.essential)
@@ -236,12 +231,13 @@ class _Direction:
                 and (pdo := self._carried(number, mapping, requested)) is not None
             ]
             if self.direction is PdoDirection.RPDO:
-                found = [item for item in found if (self.essential in item[2].attributes) is not has_essential]
+                # The first one has the essential object, and no other one has it.
+                needed = any(entry.attribute == self.essential for entry in requested.values())
+                found = [item for item in found if (self.essential in item[2].attributes) is needed]
             if not found:
                 break
             _, _, best = max(found)
             adopted.append(best)
-            has_essential = True
             carried = set(best.attributes)
             requested = {address: entry for address, entry in requested.items() if entry.attribute not in carried}
         return adopted
@@ -330,7 +326,7 @@ def _fitting(entries: Sequence[Entry], most: int, essential: str) -> list[Entry]
 # Source: CiA DS 301 V4.02 chapter 7.5.2.36. After each refusal, the plan is made again without the refused item.
 
 
-ReadNumber = Callable[[int, int], int]
+T = TypeVar("T")
 _NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_STORE_DEVICE_STATE)
 """Aborts caused by the present state of the device; they prove nothing about its capabilities."""
 
@@ -338,15 +334,14 @@ _NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_S
 class DeviceMapping:
     """The findings about one device. ``read`` reads a number by SDO."""
 
-    def __init__(self, read: ReadNumber) -> None:
+    def __init__(self, read: Callable[[int, int], int]) -> None:
         self._read = read
         self.findings = Findings()
 
     def survey(self, device: PdoCapabilities, cob_ids: Mapping[int, int]) -> None:
         """Start again with the existing PDOs. An object that was never received is still not trusted."""
-        dropped = self.findings.dropped
-        self.findings = _found(device, {pdo_of(index): cob_id for index, cob_id in cob_ids.items()}, self._mapped)
-        self.findings.dropped = dropped
+        found = _found(device, {pdo_of(index): cob_id for index, cob_id in cob_ids.items()}, self._mapped)
+        self.findings = replace(found, dropped=self.findings.dropped)
 
     def drop(self, address: ObjectAddress) -> None:
         """An object that the device accepts in a mapping but does not send."""
@@ -356,40 +351,24 @@ class DeviceMapping:
         """Learn from a refused write; False if that is not new, or does not concern the device's PDOs."""
         if error.code in _NOT_NOW:
             return False
-        key = pdo_of(step.index)
-        if is_communication_parameter(step.index):
-            return self._learn_communication(key, step)
-        return self._learn_mapping(key, step)
-
-    def _learn_communication(self, key: Key, step: SdoStep) -> bool:
-        findings = self.findings
+        findings, key = self.findings, pdo_of(step.index)
         if step.is_cob_id:
-            findings.cob_ids[key] = self._read(step.index, step.subindex)
-            valid = not findings.cob_ids[key] & COB_ID_INVALID
-            known = findings.kept if valid else findings.dead
-            new = key not in known
-            known.add(key)
-        elif step.is_transmission_type:
-            new = key not in findings.types
+            cob_id = findings.cob_ids[key] = self._read(step.index, step.subindex)
+            return _is_new(findings.dead if cob_id & COB_ID_INVALID else findings.kept, key)
+        if step.is_transmission_type:
+            known = key in findings.types
             findings.types[key] = self._read(step.index, step.subindex)
-        else:
-            new = step.subindex == EVENT_TIMER and key not in findings.timerless
-            findings.timerless.add(key)
-        return new
-
-    def _learn_mapping(self, key: Key, step: SdoStep) -> bool:
-        findings = self.findings
+            return not known
+        if is_communication_parameter(step.index):
+            return step.subindex == EVENT_TIMER and _is_new(findings.timerless, key)
         if step.subindex:
-            address = step.value >> 16, step.value >> 8 & 0xFF
-            new = address not in findings.unmappable
-            findings.unmappable.add(address)
-        elif step.value > 1:
+            return _is_new(findings.unmappable, (step.value >> 16, step.value >> 8 & 0xFF))
+        if step.value > 1:
             findings.most[key] = step.value - 1
-            new = True
-        else:
-            new = key not in findings.fixed
-            findings.fixed[key] = self._mapped(key)
-        return new
+            return True
+        known = key in findings.fixed
+        findings.fixed[key] = self._mapped(key)
+        return not known
 
     def _mapped(self, key: Key) -> tuple[int, ...]:
         """The mapping of a PDO as it is."""
@@ -399,3 +378,10 @@ class DeviceMapping:
             return tuple(self._read(index, subindex) for subindex in range(1, self._read(index, 0) + 1))
         except SdoAbortedError:
             return ()
+
+
+def _is_new(known: set[T], item: T) -> bool:
+    """Add an item; False if it was there."""
+    size = len(known)
+    known.add(item)
+    return len(known) > size
