@@ -61,6 +61,8 @@ _RETRY_REFUSED_NS: Final = 5 * SECOND
 _RECHECK_NS: Final = 5 * MS
 _FIRST_SIGN_NS: Final = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
+_MISSED: Final = 4
+"""So often may a TPDO be missed that does not come with each SYNC."""
 _ACYCLIC_PDO_NS: Final = 100 * MS
 ACYCLIC_FAILURES: Final = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
@@ -537,7 +539,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         if plan.needs_sync:
             syncs = max((item.type for item in plan.tpdos if item.pace is Pace.SYNC), default=EVERY_SYNC)
-            self._timeout_ns = max(self._timeout_ns, syncs * settings.cycle_ms * settings.tpdo_timeout_factor * MS)
+            cycles = max(settings.tpdo_timeout_factor, _MISSED * syncs)
+            self._timeout_ns = max(self._timeout_ns, cycles * settings.cycle_ms * MS)
         self.network.require_sync(settings.node_id, required=plan.needs_sync)
         if plan != self.plan:
             self.plan = plan

@@ -106,8 +106,9 @@ class PdoPlan:
         """
         found = []
         for item in (*self.rpdos, *self.tpdos):
-            sender = GATEWAY_NODE_ID if item.pdo.direction is PdoDirection.RPDO else node_id
-            rate = cycle_rate if item.pdo.direction is PdoDirection.RPDO or item.pace is Pace.SYNC else tpdo_rate
+            received = item.pdo.direction is PdoDirection.RPDO
+            sender = GATEWAY_NODE_ID if received else node_id
+            rate = cycle_rate if received or item.pace is Pace.SYNC else tpdo_rate
             slow = item.pace is not Pace.SYNC and set(item.pdo.attributes).isdisjoint(often)
             rate = min(rate, _DATA_PDO_RATE) if slow else rate
             found.append(CyclicFrames(f"{item.pdo} {node_id}", item.pdo.size, rate, item.cob_id, sender))

@@ -204,8 +204,7 @@ class _Direction:
         """Assign a group to the PDO of its number, else to one that is free for others. Also return the objects left over."""
         group = pdo.entries
         requested = [entry for entry in group if self._is_mappable(entry)]
-        named = {item.number for item in self.needs}
-        spare = [number for number in free if number not in named]
+        spare = sorted({*free} - {item.number for item in self.needs})
         suited = [pdo.number, *spare, *(free if self.essential in pdo.attributes else ())]
         number = next((number for number in suited if number in free), None)
         is_mapped = self.fixed.get(pdo.number) == tuple(entry.mapping for entry in group)

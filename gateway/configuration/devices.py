@@ -133,6 +133,7 @@ class EncoderConfig(DriveObjectSection):
             tpdo_timeout_factor=max(4, ceil(max(_SILENCE_MS, self.heartbeat_ms) / event_ms)),
             sdo_timeout_ms=self.sdo_timeout_ms,
             sync=self.sync,
+            cycle_ms=ceil(cycle_time_ms),
             channels=channels,
             device=self.device,
         )

@@ -15,6 +15,7 @@ from pdgw.ds301.objects import Access, ObjectAddress, ObjectSpec
 from pdgw.dsp406.device import device_info, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderSettings, EncoderSheet
 from pdgw.dsp406.kinds import MULTI_SENSOR, ROTARY, EncoderDevice
+from pdgw.durations import MS
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.encoder.motion import constant_speed
 from pdgw.peers.node.pdos import NodePdos
@@ -182,12 +183,12 @@ def fit(encoder: SimulatedEncoder, objects: Iterable[ObjectSpec]) -> None:
     node._defaults()
 
 
-def online(plant: Plant, habit: Habit, eds: Path | None) -> EncoderClient:
-    """Bring up such an encoder, which turns."""
-    encoder = plant.power_on(*(constant_speed(number) for number in habit.channels), device=habit.device)
+def online(plant: Plant, habit: Habit, eds: Path | None, *, turns: bool = True, **settings: object) -> EncoderClient:
+    """Bring up such an encoder."""
+    encoder = plant.power_on(*(constant_speed(turns * number) for number in habit.channels), device=habit.device)
     fit(encoder, habit.objects)
     encoder.start()
-    client = plant.connect(**habit.settings(eds))
+    client = plant.connect(**habit.settings(eds), **settings)
 
     def cycle() -> bool:
         if habit.sync or (client.plan is not None and client.plan.needs_sync):
@@ -228,3 +229,19 @@ def test_encoder_has_the_same_plan_if_its_data_sheet_hides_the_habit(habit: Habi
     site.wait_for(moved, "motion")
     for channel in filter(client.has_speed, habit.channels):
         assert client.feedback.channel(channel).speed == channel * ROTARY.resolution
+
+
+@pytest.mark.parametrize("habit", [item for item in HABITS if "SYNC" in item.name], ids=str)
+@pytest.mark.parametrize("turns", [True, False])
+def test_encoder_on_sync_is_fresh_between_its_tpdos(habit: Habit, turns: bool, plant: Plant) -> None:
+    """A SYNC comes every 2 ms, so a TPDO every 2 or 40 ms, or none at standstill."""
+    client = online(plant, habit, None, turns=turns, cycle_ms=2, tpdo_event_ms=2, tpdo_timeout_factor=25)
+    for _ in range(1000):
+        plant.network.send_sync()
+        site.pass_time(2 * MS)
+        assert client.refresh(site.now())
+    assert client.generation == 1
+    site.pass_time(161 * MS)
+    assert not client.refresh(site.now()) or not any(slot.watched for slot in client._slots), (
+        "without SYNC it is overdue"
+    )

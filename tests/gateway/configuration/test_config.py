@@ -475,6 +475,7 @@ def test_an_encoder_is_silent_after_100_ms_a_heartbeat_or_four_positions(keys: s
     text = f'[can]\ninterface = "virtual"\n[[encoder]]\ndo_id = 1\nnode_id = 1\ntelegram = 83\n{keys}'
     settings = parse_config(text).encoder[0].settings((1,), 4)
     assert settings.tpdo_event_ms * settings.tpdo_timeout_factor == silence_ms
+    assert settings.cycle_ms == 4
 
 
 def test_simulated_encoders_sit_on_the_shafts_of_the_axes() -> None:
