@@ -8,9 +8,8 @@ from __future__ import annotations
 import canopen
 from canopen.objectdictionary import ODVariable
 
-from pdgw.ds301.bus.can_frame import EXTENDED_ID
 from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE
-from pdgw.ds301.pdo import PDOS_MAX, PdoCapabilities, PdoDirection, PdoSlot
+from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, PDOS_MAX, PdoCapabilities, PdoDirection, PdoSlot
 
 _MAPPED_OBJECTS = 8
 
@@ -56,7 +55,7 @@ def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int,
     own = _default(cob_id)
     return PdoSlot(
         number,
-        None if own is None else own & EXTENDED_ID,
+        None if own is None else own & ~(COB_ID_INVALID | COB_ID_NO_REMOTE),
         _writable(cob_id),
         tuple(values[: _default(count)]),
         _writable(count),
