@@ -20,7 +20,7 @@ from pdgw.gateway.configuration.toml_file import parse_toml, read_text, toml_tex
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import ENGEL, SHAPES
 from pdgw.peers.drive.model.latency import LATENCY_MAX_MS
-from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
+from pdgw.peers.drive.model.shapes import ENDLESS, SYNCHRONOUS, Shape
 from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.misbehaviour import make
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, encoder_device
@@ -235,7 +235,10 @@ def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfi
 
 
 def _kind_of(axis: AxisConfig) -> Shape:
-    """The variant with cyclic synchronous modes and a touch probe if the configuration may use them."""
+    """The variant with cyclic synchronous modes and a touch probe if the configuration may use them; for a rotary axis without a
+    range of positions."""
+    if axis.positioner is not None and axis.positioner.modulo_range:
+        return ENDLESS
     synchronous = (
         axis.dsc is not None or axis.positioner is not None or "G1_STW" in telegram(axis.telegram).setpoints.names
     )
@@ -243,9 +246,9 @@ def _kind_of(axis: AxisConfig) -> Shape:
 
 
 def _axis_of(axis: AxisConfig) -> Literal["rotary", "linear"]:
-    """Endless shaft for speed telegrams; positioning needs limit switches for homing."""
+    """Endless shaft for speed telegrams and rotary axes; positioning needs limit switches for homing."""
     mode = telegram(axis.telegram).setpoints.mode
-    return "linear" if mode is ApplicationMode.POSITIONING else "rotary"
+    return "linear" if mode is ApplicationMode.POSITIONING and _kind_of(axis) is not ENDLESS else "rotary"
 
 
 def _encoder(items: Sequence[EncoderConfig]) -> DeviceConfig:

@@ -24,7 +24,7 @@ SLOW = () if COMPLETE else ("slow-sdo", "frozen")
 _ONLINE_NS = 300 * SECOND
 """A drive that answers each SDO after half a second gets hundreds of them."""
 _LACKS = "not an object of this drive"
-_OF_THE_ENGEL_LIKE = ("engel", "synchronous")
+_OF_THE_ENGEL_LIKE = ("engel", "synchronous", "endless")
 REFUSALS: Mapping[tuple[str, int], str] = {
     **{(name, 100): _LACKS for name in SHAPES if name not in _OF_THE_ENGEL_LIKE},
     **{("unguarded", number): "guarding of the gateway by the drive" for number in (1, 3, 9)},

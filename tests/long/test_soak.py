@@ -32,7 +32,7 @@ from tests.long.soak.trace import clock
 from tests.long.soak.watch import SoakAxis, ViolationError
 from tests.long.soak.words import Words
 
-NOT_DRAWN = {"slow-sdo", "slow-boot", "unguarded", "csp"}
+NOT_DRAWN = {"slow-sdo", "slow-boot", "unguarded", "csp", "endless", "range-limit"}
 """Shapes that need minutes to come online, and two that the gateway refuses."""
 BY_NAME = {disturbance.name: disturbance for disturbance in DISTURBANCES}
 

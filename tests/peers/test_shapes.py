@@ -12,7 +12,7 @@ from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.peers.drive import ENGEL, LINEAR_AXIS, SHAPES, Machine, SimulatedDriveNode, shape
-from pdgw.peers.drive.model.shapes import SYNCHRONOUS
+from pdgw.peers.drive.model.shapes import ENDLESS, SYNCHRONOUS
 from tests.support.drives.drive_types import described
 from tests.support.drives.node_bench import NodeBench
 
@@ -102,6 +102,15 @@ def test_a_drive_without_range_limit_takes_any_position() -> None:
     assert bench.node.model.position_actual == 40_960
 
 
+@pytest.mark.parametrize(("name", "shown"), [("rpm", -400_000), ("range-limit", 600_000), ("no-range", 600_000)])
+def test_position_wraps_at_607bh_unless_the_variant_says_otherwise(name: str, shown: int) -> None:
+    bench = Bench(name)
+    bench.node.model.zero = -600_000
+    bench.enable(3)
+    bench.run(10)
+    assert bench.node.model.position_actual == shown
+
+
 def test_shaft_turns_without_limit_and_slide_reaches_its_switch() -> None:
     turning, sliding = Bench("rpm"), Bench("rpm", LINEAR_AXIS)
     for bench in (turning, sliding):
@@ -185,7 +194,7 @@ def test_a_drive_whose_master_stops_guarding_reacts_as_6007h_says() -> None:
 
 def test_every_variant_except_the_first_has_an_unknown_vendor() -> None:
     for name, item in SHAPES.items():
-        assert described(name).family == ("engel" if item in (ENGEL, SYNCHRONOUS) else "")
+        assert described(name).family == ("engel" if item in (ENGEL, SYNCHRONOUS, ENDLESS) else "")
 
 
 def test_unknown_variant_is_rejected_with_the_known_names() -> None:

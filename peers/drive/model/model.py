@@ -519,10 +519,10 @@ class DriveModel:
     def _shown_position(self) -> int:
         """Position in 6064h."""
         position = round(self.position)
-        if not self.shape.wraps:
-            return _wrap32(position)
-        low, high = self.read(POSITION_RANGE_LIMIT, 1), self.read(POSITION_RANGE_LIMIT, 2)
-        return low + (position - low) % max(1, high - low)
+        low = high = 0
+        if self.shape.wraps:
+            low, high = self.read(POSITION_RANGE_LIMIT, 1), self.read(POSITION_RANGE_LIMIT, 2)
+        return low + (position - low) % (high - low) if low < high else _wrap32(position)
 
     # -- image --------------------------------------------------------------------------------------------------------
 

@@ -159,8 +159,11 @@ class ProfilePosition(ModeOfOperation):
         if low == high == 0:
             return target
         if drive.shape.wraps:
-            turns = 0 if word & ControlBit.RELATIVE else round(drive.position) - drive.position_actual
-            return target + turns  # like a linear axis, not across the end of the range
+            if word & ControlBit.RELATIVE:
+                return target
+            turns = round(drive.position) - drive.position_actual
+            # The value wraps; then like a linear axis, not across the end of the range.
+            return low + (target - low) % (high - low) + turns
         limited = min(max(target, low), high)
         drive.limited = limited != target
         return limited

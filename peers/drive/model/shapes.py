@@ -91,7 +91,7 @@ class Shape:
     frozen: frozenset[str] = frozenset()
     """Objects accepted in the mapping of a TPDO but sent as zeros."""
     wraps: bool = False
-    """Its position overflows at the end of 607Bh, whose last value equals the first. Targets are within this range."""
+    """Its position overflows at the end of 607Bh, whose last value equals the first. Otherwise 607Bh limits the targets."""
     sync_tolerance: int = 3
     """Periods (1006h) without SYNC that are a fault in a cyclic synchronous mode."""
     node_guarding: bool = False
@@ -193,7 +193,12 @@ def _shape(name: str, keys: dict[str, Any]) -> Shape:
     if product_code is not None:
         if "velocity_per_rpm" not in keys:
             values = {(SI_UNIT_VELOCITY, 0): _RPM} | values
-        in_rpm = {"velocity_per_rpm": Fraction(1), "acceleration_per_rpm_s": Fraction(1), "modes": _RPM_MODES}
+        in_rpm = {
+            "velocity_per_rpm": Fraction(1),
+            "acceleration_per_rpm_s": Fraction(1),
+            "modes": _RPM_MODES,
+            "wraps": True,
+        }
         keys = {**in_rpm, **keys}
         units = keys["velocity_per_rpm"], keys["acceleration_per_rpm_s"]
         values = _values(*units, keys["modes"]) | values
@@ -207,6 +212,7 @@ SHAPES: Mapping[str, Shape] = MappingProxyType({name: _shape(name, keys) for nam
 """Every variant by name."""
 ENGEL = SHAPES[option_values.ENGEL]
 SYNCHRONOUS = SHAPES[option_values.SYNCHRONOUS]
+ENDLESS = SHAPES["endless"]
 
 
 def shape(name: str) -> Shape:
