@@ -101,6 +101,10 @@ class Scaling:
     """Targets (607Ah) the drive can be sent, in position units; None: no limit but that of the object."""
     position_wraps: bool = False
     """The position starts again at the other end of ``position_range`` (607Bh of CiA 402)."""
+    wrap_confirmed: bool = True
+    """The overlay says so; otherwise only the profile does."""
+    range_source: str = ""
+    """The objects that make ``position_range``, with their values."""
     same_signs: bool = True
     """607Eh inverts positions and velocities alike (bits 7 and 6)."""
     position_unit: str = "increments"
@@ -120,11 +124,21 @@ class Scaling:
         return high - low + 1
 
     @property
+    def range_text(self) -> str:
+        """For the user: where positions end or wrap."""
+        if self.position_range is None:
+            return "positions have no range (607Bh)"
+        if not self.position_wraps:
+            return f"positions end at {self.range_source}"
+        doubt = "" if self.wrap_confirmed else ", as CiA 402 says (not confirmed: range_is_limit of the family)"
+        return f"positions wrap at {self.range_source}{doubt}"
+
+    @property
     def lines(self) -> tuple[str, ...]:
-        """For the user: each quantity with its 100 % and its source, or with what is missing."""
+        """For the user: each quantity with its 100 % and its source, or with what is missing; the range of positions."""
         texts = {quantity: f"{quantity.value}: {found.source}" for quantity, found in self.references.items()}
         texts |= {quantity: f"{text} (not known)" for quantity, text in self.unknown.items()}
-        return tuple(texts[quantity] for quantity in Quantity if quantity in texts)
+        return (*(texts[quantity] for quantity in Quantity if quantity in texts), self.range_text)
 
     def refusal(self, *needed: Quantity) -> str:
         """Why an axis that needs these quantities must not operate; empty when all of them are known."""
@@ -160,8 +174,8 @@ class Quirks:
     """Differences of a family from the profile; the defaults are the profile."""
 
     turntable: Turntable | None = None
-    range_is_limit: bool = False
-    """607Bh limits the targets instead of being a range that wraps."""
+    range_is_limit: bool | None = None
+    """607Bh limits the targets (True) or is a range that wraps (False). None: no manual says so, and the profile counts."""
     mode_shown_in_operation_only: bool = False
     """6061h follows 6060h only when the operation is enabled."""
     fault_reset_edges: int = 1

@@ -596,6 +596,12 @@ class Reason(enum.Enum):
         _E.OPERATION,
         "wait while its brake closes; if it takes longer than 10 s, check the brake and its time in the drive",
     )
+    TASK_DRIVE_RANGE = (
+        "the positions of the drive end before the target of the task: nothing moves",
+        _S.WAITS,
+        _E.SETPOINT,
+        "give a target before this end; an endless axis needs 607Bh = 0/0, or a drive that wraps at 607Bh",
+    )
 
 
 def with_count(text: str, count: int, duration_ns: int) -> str:

@@ -157,7 +157,7 @@ class QuirkKeys(_Model):
     """As ``Quirks``."""
 
     turntable: TurntableKeys | None = None
-    range_is_limit: bool = False
+    range_is_limit: bool | None = None
     mode_shown_in_operation_only: bool = False
     fault_reset_edges: Annotated[int, Field(ge=1, le=4)] = 1
     boot_ms: Annotated[int, Field(ge=0, le=60_000)] = 0

@@ -107,12 +107,12 @@ def find_scaling(
     *,
     name: str = "overlay",
     vl: bool = False,
-    range_is_limit: bool = False,
+    range_is_limit: bool | None = None,
 ) -> Scaling:
     """The scaling of a drive with these answers (``SCALING_OBJECTS``).
 
-    ``name``: the overlay's, for messages. ``vl``: the speed setpoint is 6042h, not 60FFh. ``range_is_limit``: 607Bh limits the
-    targets. Dsp402Error for a key with an invalid unit.
+    ``name``: the overlay's, for messages. ``vl``: the speed setpoint is 6042h, not 60FFh. ``range_is_limit``: as in ``Quirks``.
+    Dsp402Error for a key with an invalid unit.
     """
     mechanics = Mechanics(answers, keys or UnitKeys(), family or FamilyUnits(), name)
     known: dict[Quantity, Reference] = {}
@@ -137,7 +137,7 @@ def find_scaling(
         Quantity.DECELERATION,
         _rate(mechanics, (objects.MAX_DECELERATION, objects.MAX_ACCELERATION), objects.PROFILE_DECELERATION),
     )
-    limits, wraps, position = _position(mechanics, range_is_limit)
+    limits, wraps, source, position = _position(mechanics, range_is_limit)
     decide(Quantity.POSITION, position)
     counts, unit, per_rpm_s = mechanics.counts, mechanics.position_unit, _acceleration(mechanics)
     return Scaling(
@@ -147,6 +147,8 @@ def find_scaling(
         rated_speed_rpm=rated.value if isinstance(rated, Known) else None,
         position_range=limits,
         position_wraps=wraps,
+        wrap_confirmed=range_is_limit is False,
+        range_source=source,
         same_signs=answers.get((objects.POLARITY, 0), 0) & _INVERTS in (0, _INVERTS),
         position_unit=str(unit) if isinstance(unit, Unit) else "counts",
         counts_per_revolution=counts.value if isinstance(counts, Known) else None,
@@ -205,26 +207,24 @@ def _no_rate(mechanics: Mechanics, why: str) -> _Lacking:
     return _lacking(Unknown(why, "rated_acceleration_rpm_s"), *more)
 
 
-def _position(mechanics: Mechanics, range_is_limit: bool) -> tuple[tuple[int, int] | None, bool, Reference | _Lacking]:
-    """Targets allowed, whether the position wraps, and 100 %."""
+def _position(
+    mechanics: Mechanics, range_is_limit: bool | None
+) -> tuple[tuple[int, int] | None, bool, str, Reference | _Lacking]:
+    """Targets allowed, whether the position wraps there, the objects that say so, and 100 %."""
     answers = mechanics.answers
     low, high = answers.get((objects.POSITION_RANGE_LIMIT, 1)), answers.get((objects.POSITION_RANGE_LIMIT, 2))
-    software = (
-        answers.get((objects.SOFTWARE_POSITION_LIMIT, 1), 0),
-        answers.get((objects.SOFTWARE_POSITION_LIMIT, 2), 0),
-    )
-    limits = software if software[0] < software[1] else None
+    least = answers.get((objects.SOFTWARE_POSITION_LIMIT, 1), 0)
+    most = answers.get((objects.SOFTWARE_POSITION_LIMIT, 2), 0)
+    limits = (least, most) if least < most else None
+    source = f"607Dh {least} to {most}" if limits else ""
     if low is None or high is None or low == high == 0 or (low, high) == _ALL_POSITIONS:
-        return limits, False, _NO_RANGE
+        return limits, False, source, _NO_RANGE
     if high <= 0 or low >= high:
-        return (
-            limits,
-            False,
-            _Lacking(
-                f"Position Range Limit 607Bh is {low} to {high}: the maximum must be above 0 and above the minimum"
-            ),
-        )
-    if limits is not None:
-        low_target, high_target = max(low, limits[0]), min(high, limits[1])
-        limits = (low_target, high_target) if low_target < high_target else (low, high)
-    return limits or (low, high), not range_is_limit, Reference(Fraction(high), f"100 % = 607Ah {high} (from 607Bh/2)")
+        text = f"Position Range Limit 607Bh is {low} to {high}: the maximum must be above 0 and above the minimum"
+        return limits, False, source, _Lacking(text)
+    found = Reference(Fraction(high), f"100 % = 607Ah {high} (from 607Bh/2)")
+    of_range = f"607Bh {low} to {high}"
+    inside = max(low, least), min(high, most)
+    if limits and inside != (low, high) and inside[0] < inside[1]:
+        return inside, False, f"{of_range} and {source}", found  # software limits prevent the wrap
+    return (low, high), not range_is_limit, of_range, found

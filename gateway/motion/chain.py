@@ -40,8 +40,7 @@ class BlockChain:
         if block is None:
             return Reason.TASK_BLOCK_UNKNOWN
         if block.task.moves and not block.mode.direction:
-            reachable = self._course.in_range(block.position, block.mode is BlockMode.ABSOLUTE)
-            return None if reachable else Reason.TASK_TARGET_RANGE
+            return self._course.refusal(block.position, block.mode is BlockMode.ABSOLUTE)
         return None
 
     def drop(self) -> None:

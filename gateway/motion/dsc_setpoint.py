@@ -17,7 +17,7 @@ from typing import Final
 
 from pdgw.durations import SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.units import round_half_away
+from pdgw.gateway.motion.units import difference, round_half_away
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 
@@ -51,12 +51,6 @@ def longest_hold_ns(dead_time: int) -> int:
     Its age is dead time too: from T + age = pi / (2 x KPC) on the loop oscillates, with the highest gain from 4.27 T on.
     """
     return int(dead_time * (_PI * _E / 2 - 1))
-
-
-def difference(newer: int, older: int, span: int = _TURN) -> int:
-    """``newer`` - ``older`` of positions that start again after ``span``, the shorter way."""
-    half = span // 2
-    return (newer - older + half) % span - half
 
 
 def wrapped(position: int) -> int:

@@ -51,10 +51,11 @@ class MdiPositioner(Positioner):
         self._braking_reason: Reason | None = None
         super().__init__(Course(PositionerFeedback(), None), MDI_TRANSITIONS)
 
-    def set_drive(self, velocity: int, window: int | None) -> None:
-        """Set the only velocity of a task, for a drive without 6081h (0: any), and the largest distance from the target of a task
-        that has ended; None: only the drive knows."""
-        self.course.only_velocity, self.course.window = velocity, window
+    def set_drive(self, velocity: int, window: int | None, period: int) -> None:
+        """Set the only velocity of a task, for a drive without 6081h (0: any), the largest distance from the target of a task
+        that has ended (None: only the drive knows), and the number of positions that the drive shows."""
+        course = self.course
+        course.only_velocity, course.window, course.period = velocity, window, period
 
     def homed(self) -> None:
         """The drive's position now counts from its home position."""

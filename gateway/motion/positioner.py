@@ -168,7 +168,7 @@ class Positioner:
         goal = self.course.goal
         if goal is None:
             return 0
-        return goal.velocity if goal.kind is MotionKind.SPEED else goal.target - self.seen.position
+        return goal.velocity if goal.kind is MotionKind.SPEED else self.course.way
 
     def forget_home(self) -> None:
         """The drive has new coordinates: its home position is unknown."""
@@ -231,7 +231,8 @@ class BasicPositioner(Positioner):
 
     def __init__(self, choices: PositionerChoices) -> None:
         self.choices = choices
-        course = self._course = UserCourse(PositionerFeedback(), choices.position_window, choices=choices)
+        course = self.travel = UserCourse(PositionerFeedback(), choices.position_window, choices=choices)
+        """The course. The executor sets what it knows of the drive: its velocity, positions, distances and turn."""
         self._chain = BlockChain(BlockTable(choices.blocks), course)
         self._now = 0
         """Time of this step, monotonic ns."""
@@ -290,12 +291,6 @@ class BasicPositioner(Positioner):
             Action.HOMING_ERROR: lambda: self.warn(Reason.HOMING_ERROR),
         }
 
-    def set_drive(self, velocity: int, positions: tuple[int, int], distances: tuple[int, int]) -> None:
-        """Set the only velocity of a task to a position, for a drive without 6081h (0: any), the range of the drive's positions,
-        in its own coordinates, and that of one relative task."""
-        course = self._course
-        course.only_velocity, course.positions, course.distances = velocity, positions, distances
-
     def latch(self, probe: int | Reason | None) -> None:
         """Set the position at the edge of the armed probe, or why there is none; None: not yet."""
         self._probe = probe
@@ -304,11 +299,6 @@ class BasicPositioner(Positioner):
     def armed(self) -> bool:
         """The probe is to be armed: passive homing."""
         return self._passive_homing is _ARMED
-
-    @property
-    def queued(self) -> int:
-        """Serial of the setpoint that waits in the drive, 0 for none."""
-        return self._course.queued
 
     @property
     def acknowledged(self) -> bool:
@@ -320,17 +310,17 @@ class BasicPositioner(Positioner):
         """The axis has ended its function, or there is none."""
         state = self.state
         if state is _MDI:
-            return self._course.arrived()
+            return self.travel.arrived()
         rests = (state is _IDLE or state is _TRACKING) and self.seen.bits & _STANDSTILL != 0
         return rests and self._pending is None and not self._homing_waits
 
     def forget_home(self) -> None:
         super().forget_home()
-        self._course.offset = 0
+        self.travel.offset = 0
 
     def step(self, request: PositionerRequest, now: int) -> Reason | None:
         self.request, self._now = request, now
-        course, commands, operating = self._course, request.commands, self.seen.bits & Seen.OPERATING != 0
+        course, commands, operating = self.travel, request.commands, self.seen.bits & Seen.OPERATING != 0
         if self._acknowledge is not _NOT_OWED:
             self._acknowledge_task()
         course.watch_limits(commands & _SOFTWARE_LIMITS != 0 and self.home_set)
@@ -354,7 +344,7 @@ class BasicPositioner(Positioner):
 
     def _reason(self, commands: int) -> Reason | None:
         """Why nothing moves just now."""
-        reason = self._course.held or (None if commands & _DO_NOT_REJECT else Reason.REJECTED) or self._course.warning
+        reason = self.travel.held or (None if commands & _DO_NOT_REJECT else Reason.REJECTED) or self.travel.warning
         jog = commands & _JOGS and not commands & _JOG_INCREMENTAL
         if jog and self.state is _IDLE and reason is None and not self._jog_asked():
             return Reason.LOST_JOG
@@ -416,8 +406,8 @@ class BasicPositioner(Positioner):
                 refusal = Reason.TASK_DIRECTION if direction is Direction.SHORTEST else None
             elif commands & DIRECTIONS == DIRECTIONS and self.choices.modulo and absolute:
                 refusal = Reason.TASK_DIRECTION
-            elif not self._course.in_range(request.target, absolute, direction):
-                refusal = Reason.TASK_TARGET_RANGE
+            else:
+                refusal = self.travel.refusal(request.target, absolute, direction)
         return _Task(event, refusal, request)
 
     def _waits_for(self, event: Event) -> bool:
@@ -447,13 +437,13 @@ class BasicPositioner(Positioner):
     def _finished(self) -> bool:
         if self.state is _MDI and self.request.commands & _UPDATES == _UPDATES:
             return False
-        return self._course.arrived() or (self._course.goal is None and self.seen.bits & _STANDSTILL != 0)
+        return self.travel.arrived() or (self.travel.goal is None and self.seen.bits & _STANDSTILL != 0)
 
     # -- functions ------------------------------------------------------------------------------------------------------
 
     def _clear(self) -> None:
         """Operation begins, or a reject without a function. An edge that started nothing stays named until operation."""
-        if self.state is _OFF or self._course.warning not in HELD:
+        if self.state is _OFF or self.travel.warning not in HELD:
             self.warn(None)
 
     def _forget(self) -> None:
@@ -507,14 +497,14 @@ class BasicPositioner(Positioner):
 
     def _update(self) -> None:
         task = self._task = self._captured()
-        refusal = self._course.warning = task.refusal
+        refusal = self.travel.warning = task.refusal
         if refusal is None:
             self._pursue(task)
         else:
-            self._course.drop_goal()
+            self.travel.drop_goal()
 
     def _pursue(self, task: _Task) -> None:
-        course, request = self._course, task.request
+        course, request = self.travel, task.request
         velocity, ramps, direction = request.velocity, (request.acceleration, request.deceleration), request.direction
         if task.event is Event.SETTING_UP:
             course.go(velocity if direction is Direction.POSITIVE else -velocity, *ramps)
@@ -530,9 +520,9 @@ class BasicPositioner(Positioner):
         if self.request.commands & _JOG_INCREMENTAL:
             self._armed &= ~self._jog
             distance = self.choices.jog_distances[place]
-            self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
+            self.travel.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
         else:
-            self._course.go(velocity, FULL, FULL, scaled=False)
+            self.travel.go(velocity, FULL, FULL, scaled=False)
 
     # -- homing and the reference point ---------------------------------------------------------------------------------
 
@@ -541,11 +531,11 @@ class BasicPositioner(Positioner):
         self._begin()
         self.forget_home()
         self._homing_until = self._now + SHOWN_NS
-        self._course.home()
+        self.travel.home()
 
     def _homed(self) -> None:
         """The drive's position now counts from the home position, which is the reference coordinate."""
-        self._course.offset = self._reference_coordinate()
+        self.travel.offset = self._reference_coordinate()
         self.home_set = True
 
     def _set_reference_point(self) -> None:
@@ -559,7 +549,7 @@ class BasicPositioner(Positioner):
         return self.choices.reference_coordinate if request is None else request
 
     def _refer(self, position: int) -> None:
-        self._course.refer(self._reference_coordinate(), position)
+        self.travel.refer(self._reference_coordinate(), position)
         self.home_set = True
         self._homing_until = self._now + SHOWN_NS
 
@@ -582,12 +572,12 @@ class BasicPositioner(Positioner):
     @property
     def position(self) -> int:
         """Actual position in the user's coordinates."""
-        position, modulo = self.seen.position + self._course.offset, self.choices.modulo
+        position, modulo = self.seen.position + self.travel.offset, self.choices.modulo
         return position % modulo if modulo else position
 
     def words(self, speed: int, *, reached: bool) -> tuple[int, int]:
         """POS_ZSW1 and POS_ZSW2. ``speed``: its sign is the direction of an axis that moves."""
-        state, seen, course, block = self.state, self.seen.bits, self._course, self._chain.block
+        state, seen, course, block = self.state, self.seen.bits, self.travel, self._chain.block
         first = _FUNCTION_BITS.get(self._mode(), 0) | _RUNNING_BITS.get(state, 0)
         if block is not None:
             first |= block.number
@@ -636,7 +626,7 @@ class BasicPositioner(Positioner):
 
     def _acknowledge_task(self) -> None:
         """Show the acknowledgement of a task. The drive acknowledges position tasks, the gateway all others."""
-        task, course, block = self._task, self._course, self._chain.block
+        task, course, block = self._task, self.travel, self._chain.block
         if not self.request.commands & ACTIVATE:
             self._acknowledge = _NOT_OWED
         elif task is not None:

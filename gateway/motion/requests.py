@@ -274,7 +274,7 @@ class Goal:
     direction: Direction = Direction.SHORTEST
     """For a drive that finds the way of a modulo axis itself."""
     relative: bool = False
-    """The task is relative. A drive that finds the way itself gets the rest of it as another relative task."""
+    """The task is relative, also when no distance is left to give to the drive."""
 
 
 _NO_GOAL: Final = Goal(MotionKind.STAND, 0, None, 0, 0, 0)

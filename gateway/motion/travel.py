@@ -22,7 +22,7 @@ from pdgw.gateway.motion.requests import (
     PositionerRequest,
     Seen,
 )
-from pdgw.gateway.motion.units import Direction, way
+from pdgw.gateway.motion.units import Direction, difference, way
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import DataType
 
@@ -34,8 +34,11 @@ stops it. A drive with a limited speed has left standstill by then.
 """
 LIMIT_LEFT_NS: Final = 10 * SECOND
 """The same for a limit that was there before the motion, which may be its way out: as long as a drive may need for its brake."""
+ENDLESS: Final = (-(1 << 62), (1 << 62) - 1)
+"""Range of a position that continues across the ends of the drive's."""
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
 _NO_INTERMEDIATE_STOP: Final = Command.NO_INTERMEDIATE_STOP
+_OUT_OF_RANGE: Final = (Reason.TASK_TARGET_RANGE, Reason.TASK_DRIVE_RANGE)
 _ARRIVED: Final = Seen.REACHED | Seen.STANDSTILL
 _STOPPED_AT_LIMIT: Final = Seen.INTERNAL_LIMIT | Seen.STANDSTILL
 _PRESSES: Final = Seen.STANDSTILL | Seen.TORQUE_AT_LIMIT
@@ -78,6 +81,8 @@ class Course:
     """Largest distance from the target of a task that has ended; None: only the drive knows."""
     only_velocity: int = 0
     """The velocity of all tasks to a position, on a drive without 6081h; 0: each task has its own."""
+    period: int = ENDLESS[1]
+    """A target at this distance is reached as well: the drive shows the same position there."""
     motion: Motion = field(default_factory=Motion)
     """What the drive has to do."""
     goal: Goal | None = None
@@ -122,10 +127,13 @@ class Course:
             return False
         if window is None or goal is None or goal.distance is not None:
             return seen.bits & Seen.ANSWERED != 0
-        return self._near(goal, window)
+        return abs(self.way) <= window
 
-    def _near(self, goal: Goal, window: int) -> bool:
-        return abs(goal.target - self.seen.position) <= window
+    @property
+    def way(self) -> int:
+        """Remaining distance to the target; 0 without one."""
+        goal = self.goal
+        return 0 if goal is None else difference(goal.target, self.seen.position, self.period)
 
     def _executes(self) -> bool:
         """The drive has taken the setpoint of a position."""
@@ -223,10 +231,16 @@ class UserCourse(Course):
     """
 
     choices: PositionerChoices = field(kw_only=True)
-    positions: tuple[int, int] = DataType.INTEGER32.integer_range
-    """Positions that the drive accepts, and"""
+    positions: tuple[int, int] = ENDLESS
+    """Positions that the drive accepts,"""
+    ends: str = ""
+    """and the objects that limit them."""
+    turn: tuple[int, int] = ENDLESS
+    """Positions that the drive reaches without a wrap."""
     distances: tuple[int, int] = DataType.INTEGER32.integer_range
-    """distances of one relative task; at first all that a telegram can request."""
+    """Distances of one relative task."""
+    why: str = ""
+    """Values of the last task that was refused: what is out of range, and whose range it is."""
     offset: int = 0
     """User's coordinate minus the drive's."""
     speed: Goal | None = None
@@ -287,19 +301,42 @@ class UserCourse(Course):
             elif self.queued:
                 self.aim(goal)  # and look again at the setpoint that waits in the drive
 
-    def in_range(self, target: int, absolute: bool, direction: Direction = Direction.SHORTEST) -> bool:
-        """Whether the drive can be sent to a position of the user, or by a distance, as far as the software limits let it."""
-        low, high = self.positions
-        modulo = self.choices.modulo
-        if modulo and absolute and not 0 <= target < modulo:
-            return False
-        shortest, longest = self.distances
-        if not absolute and not shortest <= target <= longest:
-            return False
+    def refusal(self, target: int, absolute: bool, direction: Direction = Direction.SHORTEST) -> Reason | None:
+        """Why the drive cannot be sent to a position of the user, or by a distance, as far as the software limits let it."""
+        modulo, offset = self.choices.modulo, self.offset
+        if modulo and absolute and self._outside("target", target, (0, modulo - 1), "modulo_range"):
+            return Reason.TASK_TARGET_RANGE
         end = self._end(target, absolute, direction)
+        distance = end - offset - self.seen.position
         if self.limits is not None:
             end = self._inside(end, self.limits)
-        return low <= end - self.offset <= high
+        numbers = DataType.INTEGER32.integer_range
+        if not modulo and self._outside("end of the task", end, numbers, "32 bits of a position"):
+            return Reason.TASK_TARGET_RANGE
+        low, high = self.positions
+        if self._outside("end of the task", end, (low + offset, high + offset), f"{self.ends} of the drive"):
+            return Reason.TASK_DRIVE_RANGE
+        first, last = self.turn
+        if not (absolute and first <= end - offset <= last) and self._outside(
+            "distance", distance, self.distances, "607Ah of the drive"
+        ):
+            return Reason.TASK_TARGET_RANGE
+        return None
+
+    @property
+    def evidence(self) -> str:
+        """Values of the warning that is active, where it has some."""
+        limits = self.choices.software_limits
+        if self.warning is Reason.SOFTWARE_LIMIT and limits is not None:
+            return "software_limits {} to {} LU of the configuration".format(*limits)
+        return self.why if self.warning in _OUT_OF_RANGE else ""
+
+    def _outside(self, what: str, value: int, allowed: tuple[int, int], whose: str) -> bool:
+        low, high = allowed
+        if low <= value <= high:
+            return False
+        self.why = f"{what} {value} LU, allowed {low} to {high} ({whose})"
+        return True
 
     def _end(self, target: int, absolute: bool, direction: Direction) -> int:
         """End of a task in the user's coordinates; for a modulo axis across its turns."""
@@ -400,7 +437,9 @@ class UserCourse(Course):
             return
         target = position - self.offset if absolute else goal.target + position
         end = target + self.offset
-        if (self.limits is not None and self._inside(end, self.limits) != end) or not self.in_range(end, True):
+        if self.limits is not None and self._inside(end, self.limits) != end:
+            return
+        if self.refusal(end, True) is not None or not self.turn[0] <= target <= self.turn[1]:
             return
         motion = self.motion
         motion.serial += 1

@@ -12,8 +12,8 @@ from pdgw.profidrive.datatypes import N2_100_PERCENT
 
 # Modulo correction: positions of a rotary axis that wrap after a range, and the way to a position.
 #
-# Source: modulo axes of public basic positioners (docs/motion.md). A ``Ring`` counts a drive's position beyond its wrap, at
-# 607Bh or at 32 bit. Pure; integers in any unit.
+# Source: modulo axes of public basic positioners (docs/motion.md). A ``Ring`` counts the position of any drive beyond its
+# wrap, at 607Bh or at 32 bit. Pure; integers in any unit.
 
 
 class Direction(IntEnum):
@@ -37,18 +37,26 @@ def way(start: int, target: int, modulo: int, direction: Direction, window: int)
     return forward if direction is Direction.POSITIVE else forward - modulo
 
 
+def difference(newer: int, older: int, span: int = 1 << 32) -> int:
+    """``newer`` - ``older`` of positions that start again after ``span``, the shorter way."""
+    half = span // 2
+    return (newer - older + half) % span - half
+
+
 @dataclass(slots=True, eq=False)
 class Ring:
     """The position of one axis."""
 
-    _low: int
+    low: int
     """The first position that the drive shows,"""
-    _size: int
+    size: int
     """and how many there are."""
+    base: int = 0
+    """The count at the drive's position 0."""
+    wrapped: bool = False
+    """The drive has wrapped there."""
     _raw: int = 0
     """The last position that the drive showed."""
-    _base: int = 0
-    """The count at the drive's position 0."""
     _known: bool = False
     """The drive has shown a position in its present coordinates."""
 
@@ -59,27 +67,31 @@ class Ring:
     def follow(self, raw: int) -> int:
         """The count of a position the drive shows, less than half a ring after the last."""
         if not self._known:
-            self._base = 0
+            self.base = 0
             self._known = True
-        elif raw != self._raw:
-            self._base += self._turn(raw)
+        elif raw != self._raw and (turn := self._turn(raw)):
+            self.base += turn
+            self.wrapped = True
         self._raw = raw
-        return self._base + raw
+        return self.base + raw
 
     def near(self, raw: int) -> int:
         """The count of a position the drive latched, less than half a ring from where it is."""
-        return self._base + self._turn(raw) + raw
+        return self.base + self._turn(raw) + raw
 
     def _turn(self, raw: int) -> int:
         """Turns of the count besides the difference of the positions."""
-        moved = raw - self._raw
-        half = self._size // 2
-        return (moved + half) % self._size - half - moved
+        return difference(raw, self._raw, self.size) - (raw - self._raw)
 
-    def target(self, count: int) -> int | None:
-        """Position as shown by the drive."""
-        raw = count - self._base
-        return raw if self._low <= raw < self._low + self._size else None
+    @property
+    def turn(self) -> tuple[int, int]:
+        """First and last count that the drive shows without a wrap from where it is."""
+        first = self.base + self.low
+        return first, first + self.size - 1
+
+    def shown(self, count: int) -> int:
+        """A count as the drive shows it."""
+        return (count - self.low) % self.size + self.low
 
     @property
     def position(self) -> int:

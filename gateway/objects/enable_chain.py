@@ -71,6 +71,9 @@ _OWN_FAULTS: Final = {
     Reason.HOMING_REFUSED: FaultNumber.HOMING_PARAMETERS,
     Reason.REFERENCE_INVALID: FaultNumber.REFERENCE,
     Reason.UNITS_CONTRADICTED: FaultNumber.VELOCITY,
+    Reason.TASK_TARGET_RANGE: FaultNumber.POSITIONER,
+    Reason.TASK_DRIVE_RANGE: FaultNumber.POSITIONER,
+    Reason.SOFTWARE_LIMIT: FaultNumber.POSITIONER,
 }
 """Reasons whose details are in a fault or warning of the gateway."""
 
@@ -356,7 +359,7 @@ def device_warning(item: DriveObject) -> str:
 
 
 def notes(axis: Axis) -> list[str]:
-    """What the drive shows or the PLC sends without an effect, while no link is broken by it."""
+    """What the drive shows or the PLC sends without an effect while no link is broken, and where the drive's positions end."""
     adapter, word = axis.machine.adapter, _control_word(axis)[1]
     found: list[str] = []
     is_speed = isinstance(adapter, SpeedAdapter)
@@ -374,6 +377,8 @@ def notes(axis: Axis) -> list[str]:
             found.append(
                 f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
             )
+    if axis.machine.executor.range_note:
+        found.append(axis.machine.executor.range_note)
     return found
 
 

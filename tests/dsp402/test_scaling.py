@@ -276,6 +276,34 @@ def test_a_range_wraps_and_software_limits_do_not() -> None:
     assert find_scaling(ratio(0x607B, 0, 3600) | ratio(0x607D, 0, 0)).position_range == (0, 3600)
 
 
+@pytest.mark.parametrize(
+    ("answers", "is_limit", "said"),
+    [
+        ({}, None, "positions have no range (607Bh)"),
+        (
+            ratio(0x607B, 0, 3600),
+            None,
+            "positions wrap at 607Bh 0 to 3600, as CiA 402 says (not confirmed: range_is_limit of the family)",
+        ),
+        (ratio(0x607B, 0, 3600), False, "positions wrap at 607Bh 0 to 3600"),
+        (ratio(0x607B, 0, 3600) | ratio(0x607D, *INT32), False, "positions wrap at 607Bh 0 to 3600"),
+        (ratio(0x607B, 0, 3600), True, "positions end at 607Bh 0 to 3600"),
+        (ratio(0x607D, -500, 900), None, "positions end at 607Dh -500 to 900"),
+        (
+            ratio(0x607B, -1000, 1000) | ratio(0x607D, -500, 2000),
+            False,
+            "positions end at 607Bh -1000 to 1000 and 607Dh -500 to 2000",
+        ),
+    ],
+)
+def test_range_of_positions_wraps_or_ends_where_its_objects_say(
+    answers: dict[tuple[int, int], int], is_limit: bool | None, said: str
+) -> None:
+    scaling = find_scaling(answers, range_is_limit=is_limit)
+    assert scaling.lines[-1] == scaling.range_text == said
+    assert scaling.position_span == (3601 if "wrap" in said else 1 << 32), "also of a speed axis"
+
+
 @pytest.mark.parametrize("limits", [(-500, 0), (5, 5), (900, 100)])
 def test_invalid_range_is_rejected(limits: tuple[int, int]) -> None:
     assert "607Bh" in find_scaling(ratio(0x607B, *limits)).refusal(Quantity.POSITION)

@@ -14,7 +14,7 @@ from fractions import Fraction
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.loop.loop import Timer
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.dsp402.drive_type import DriveType, Quantity, Scaling
+from pdgw.dsp402.drive_type import POSITIONS, DriveType, Quantity, Scaling
 from pdgw.dsp402.objects import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.commissioning.telegram_check import lacks
@@ -497,9 +497,5 @@ class AxisTest:
 
 def _turns_over(drive: DriveType) -> tuple[int, ...]:
     """Possible jumps of a position at its overflow. Between two readings it moves by much less."""
-    spans = [1 << 32]
-    scaling = drive.scaling
-    if scaling.position_wraps and scaling.position_range is not None:
-        low, high = scaling.position_range
-        spans.append(high - low + 1)
+    spans = {POSITIONS, drive.scaling.position_span}
     return (0, *spans, *(-span for span in spans))

@@ -63,6 +63,11 @@ class Executor:
         """1 or -1: the direction in which a limit of the drive has stopped the axis; 0: none, or unknown."""
         return 0
 
+    @property
+    def range_note(self) -> str:
+        """For the user: where the positions of the drive end, or that only the profile says that they wrap; empty: neither."""
+        return ""
+
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""
 

@@ -14,7 +14,8 @@ from rich.table import Table
 from rich.text import Text
 
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.gateway.motion.dsc_setpoint import KPC_PER_UNIT, difference
+from pdgw.gateway.motion.dsc_setpoint import KPC_PER_UNIT
+from pdgw.gateway.motion.units import difference
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 from pdgw.profidrive.signal_text import texts

@@ -18,10 +18,10 @@ from pdgw.gateway.motion.dsc_setpoint import (
     DscForm,
     DscSettings,
     dead_time_ns,
-    difference,
     highest_gain,
     longest_hold_ns,
 )
+from pdgw.gateway.motion.units import difference
 from pdgw.gateway.reasons import Reason
 
 BY_SPEED = DscChoices(DscForm.SPEED, following_window=4096, delay_cycles=0)

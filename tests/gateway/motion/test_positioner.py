@@ -162,7 +162,7 @@ def test_override_scales_the_speed_and_0_stops_with_the_task_kept() -> None:
         ({**ABSOLUTE, "velocity": 0, "target": 5}, Reason.TASK_SPEED_ZERO),
         ({**ABSOLUTE, "acceleration": 0, "target": 5}, Reason.TASK_RAMP_ZERO),
         ({**ABSOLUTE, "deceleration": -1, "target": 5}, Reason.TASK_RAMP_ZERO),
-        ({**ABSOLUTE, "target": (1 << 30) + 1}, Reason.TASK_TARGET_RANGE),
+        ({**ABSOLUTE, "target": (1 << 30) + 1}, Reason.TASK_DRIVE_RANGE),
         ({"mdi": False, "block": 77}, Reason.TASK_BLOCK_UNKNOWN),
         ({**ABSOLUTE, "setting_up": True}, Reason.TASK_DIRECTION),
         ({**ABSOLUTE, "setting_up": True, "positive": True, "negative": True}, Reason.TASK_DIRECTION),

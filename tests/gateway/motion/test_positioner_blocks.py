@@ -173,7 +173,7 @@ def test_a_block_in_the_middle_of_a_chain_that_cannot_be_done_ends_it() -> None:
         Block(3, 900, 3000),
     )
     rig.run_out()
-    assert (rig.position, rig.result.warning, rig.result.state) == (100, Reason.TASK_TARGET_RANGE, State.IDLE)
+    assert (rig.position, rig.result.warning, rig.result.state) == (100, Reason.TASK_DRIVE_RANGE, State.IDLE)
 
 
 def test_a_fixed_stop_presses_with_its_torque_until_the_reject() -> None:

@@ -117,10 +117,11 @@ def test_a_ring_counts_on_over_its_ends(low: int, size: int, steps: list[int], d
         assert ring.follow(shown) == count
         assert ring.near(shown) == count
         other = count + data.draw(st.integers(-2 * size, 2 * size))
-        inside = ring.target(other)
-        turn = (count - low) // size
-        assert (inside is not None) is ((other - low) // size == turn), "reached without an end between"
-        assert inside in {None, low + (other - low) % size}
+        first, last = ring.turn
+        same = (other - low) // size == (count - low) // size
+        assert (first <= other <= last) is same, "reached without an end between"
+        assert ring.shown(other) == low + (other - low) % size
+        assert not same or other - ring.base == ring.shown(other)
 
 
 @given(st.lists(st.tuples(targets, st.sampled_from([(False, False), (True, False), (False, True)])), max_size=5))

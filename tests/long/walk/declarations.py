@@ -43,6 +43,7 @@ from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.positioner import RISING, BasicPositioner, Positioner
 from pdgw.gateway.motion.requests import Motion, PositionerFeedback
 from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_LEFT_NS, Course, Stall, UserCourse
+from pdgw.gateway.motion.units import Ring
 from pdgw.profidrive.frame import SignOfLife
 
 OF: Final[dict[type, dict[str, Any]]] = {
@@ -60,9 +61,11 @@ OF: Final[dict[type, dict[str, Any]]] = {
     ModeSwitch: {"INSTANTS": {"since": MODE_CONFIRM_NS}, "PASSING": frozenset({"asked"})},
     MotionExecutor: {
         "INSTANTS": {"_set_at": ACKNOWLEDGE_NS},
-        "PASSING": frozenset({"_position_objects"}),
+        "PASSING": frozenset({"_position_objects", "_drive_scaling"}),
     },
     PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},
+    # No position of the walk is half of the numbers away from the one before: the count is the position.
+    Ring: {"ASIDE": frozenset({"_raw", "_known"})},
     Stall: {"INSTANTS": lambda item: {"_since": item.time}},
     RawExecutor: {"ASIDE": frozenset({"_last"})},
     SpeedExecutor: {"ASIDE": frozenset({"_wire", "_value", "_limited"})},

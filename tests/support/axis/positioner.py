@@ -97,7 +97,7 @@ class PositionerRig:
     def __post_init__(self) -> None:
         self.positioner = BasicPositioner(replace(self.settings, blocks=self.blocks))
         self.show(Seen.OPERATING | Seen.STANDSTILL | Seen.STOPPED, True)
-        self.positioner.set_drive(0, (-(1 << 30), 1 << 30), (-(1 << 31), (1 << 31) - 1))
+        self.positioner.travel.positions = (-(1 << 30), 1 << 30)
         self.now = 0
         self.speed = 0
         self.running = Motion()
@@ -157,7 +157,7 @@ class PositionerRig:
             return
         if wish.serial > seen.given and (self._arriving is None or seen.given < self._arriving[1].serial):
             self._arriving = (self.delay, replace(wish))
-            if wish.serial == self.positioner.queued:
+            if wish.serial == self.positioner.travel.queued:
                 self.queued.add(wish.serial)
         if self._arriving is None:
             return

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from pdgw.ds301.objects import CanType, ObjectAddress
-from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.drive_type import POSITIONS, DriveType, Scaling
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.demand_report import STATE_MASK, MotionDemand, Report
@@ -24,6 +24,7 @@ from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, PositionerRequest, Seen
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.travel import Stall
+from pdgw.gateway.motion.units import Ring
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
 HALT = ControlBit.HALT
@@ -71,6 +72,15 @@ class MotionExecutor(Executor):
         self._seen = positioner.seen
         self._target_range = CanType.I32.integer_range
         """Range of 607Ah."""
+        self._ring = Ring(self._target_range[0], POSITIONS)
+        """Counts the drive's position over its wraps."""
+        self._bounded = False
+        """The configuration limits the positions."""
+        self._drive_scaling = Scaling()
+        self._ends: tuple[int, int] | None = None
+        """Between these the drive can be sent; None: it wraps, or has no range."""
+        self._window = 0
+        """Position units: at this distance from its target a task has ended."""
         self._position_objects: Mapping[ObjectAddress, int] = {}
         """The drive's values of the objects that define the unit and the sign of positions."""
         self._set_at = -1
@@ -96,10 +106,44 @@ class MotionExecutor(Executor):
         self.homing.method = homing_method
         self.homing.methods = frozenset(drive.homing_methods)
         self._target_range = drive.limits("target_position")
+        scaling = self._drive_scaling = drive.scaling
+        self._ends = None if scaling.position_wraps else scaling.position_range
+        ring = self._ring_of(scaling)
+        if (ring.low, ring.size) != (self._ring.low, self._ring.size):
+            self._ring = ring
+            self._forget_home()
         before, now = self._position_objects, drive.position_objects
         self._position_objects = now
         if any(before.get(address, value) != value for address, value in now.items()):
             self._forget_home()
+        if self._range_line:
+            self.outputs.happened().log_lines.append(self._range_line)
+
+    def _ring_of(self, scaling: Scaling) -> Ring:
+        """The ring for the position of this drive."""
+        low, _ = (scaling.position_wraps and scaling.position_range) or CanType.I32.integer_range
+        return Ring(low, scaling.position_span)
+
+    @property
+    def _doubtful(self) -> bool:
+        """Only the profile says that the drive wraps at 607Bh, and it has not done so yet."""
+        scaling = self._drive_scaling
+        return scaling.position_wraps and not scaling.wrap_confirmed and not self._ring.wrapped
+
+    @property
+    def range_note(self) -> str:
+        return self._drive_scaling.range_text if self._doubtful else ""
+
+    @property
+    def _range_line(self) -> str:
+        """The same for the log, and how far the drive is from the ends of its positions."""
+        ends, text, counts = self._ends, self._drive_scaling.range_text, self._drive_scaling.counts_per_revolution
+        if ends is None or self._bounded:
+            return text if self._doubtful else ""
+        if counts is None:
+            return text
+        backward, forward = (float(abs(end - self.feedback.position_actual) / counts) for end in ends)
+        return f"{text}: {forward:.1f} turns forward, {backward:.1f} turns backward"
 
     @property
     def limit_side(self) -> int:
@@ -114,6 +158,7 @@ class MotionExecutor(Executor):
 
     def _forget_home(self) -> None:
         """The drive has new coordinates."""
+        self._ring.reset()
         self.positioner.forget_home()
 
     def refuse(self) -> Report:
@@ -222,9 +267,17 @@ class MotionExecutor(Executor):
         """Read "target reached"; ``executes``: the drive works on the newest setpoint. Returns bits of ``Seen``."""
         if not executes or not self._mode.shows_base():
             return 0
-        reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
+        reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0 and not self._ends_short()
         bits = Seen.REACHED if reached else 0
         return bits | Seen.ANSWERED if self._arrival.read(reached, self.inputs.now) else bits
+
+    def _ends_short(self) -> bool:
+        """The drive is at an end of its positions, and away from its target."""
+        limits, inputs = self._drive_scaling.position_range, self.inputs
+        if limits is None or not inputs.standstill or (self._ends is None and not self._doubtful):
+            return False
+        (low, high), raw, near, course = limits, self.feedback.position_actual, self._window, self.positioner.course
+        return not low + near < raw < high - near and abs(course.way) > (course.window or 0)
 
     def _executes_next(self) -> None:
         """The drive begins to execute the setpoint that it has taken."""
@@ -247,6 +300,8 @@ class MotionExecutor(Executor):
             outputs.end_warnings(_STALLED)
             return
         detail = f"{reason.value}, 6064h = {position}, 607Ah = {self.command.target_position}"
+        if self._doubtful:
+            detail += f", {self._drive_scaling.range_text}"
         outputs.warn(FaultNumber.STALLED, detail)
         if outputs.reason is None:
             outputs.reason = reason
@@ -381,6 +436,7 @@ class MotionExecutor(Executor):
     def _home(self, motion: Motion, method: int, speed: int | None) -> int:
         """Controlword bits of a homing: the drive takes method and speeds, confirms the mode, and homes."""
         seen, homing = self._seen, self.homing
+        self._ring.reset()
         if seen.given != motion.serial:
             self._begin_homing(motion)
             homing.begin(method, speed)

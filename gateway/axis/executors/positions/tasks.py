@@ -1,8 +1,8 @@
 """Motions of the positioner on a drive: profile position (6060h = 1), profile velocity (3) and homing (6), with their handshakes.
 
 Source: docs/motion.md, docs/translation.md. Each setpoint is sent once: CW.4 rises with its data and falls when the drive has
-acknowledged it (SW.12), independent of STW1.6. The mode changes at standstill only and never with Halt. The position of a modulo
-axis is counted beyond the wrap of the drive: 607Bh if it wraps, else 32 bit. A way across the wrap is sent as a relative task
+acknowledged it (SW.12), independent of STW1.6. The mode changes at standstill only and never with Halt. The position is
+counted beyond the wrap of the drive: 607Bh if it wraps, else 32 bit. An absolute way across the wrap is sent as a relative task
 from standstill, after an absolute task to the actual position. Then every reading of 60F2h starts at that position.
 """
 
@@ -34,6 +34,7 @@ from pdgw.gateway.motion.requests import (
     Seen,
 )
 from pdgw.gateway.motion.states import State
+from pdgw.gateway.motion.travel import ENDLESS
 from pdgw.gateway.motion.units import DriveUnits, LengthUnits, Ring
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import n4
@@ -44,8 +45,6 @@ _POSITION_MODE, _VELOCITY_MODE, _HOMING_MODE = Mode.POSITION.value, Mode.VELOCIT
 _WITHOUT_FUNCTION = (State.IDLE, State.TRACKING, State.BRAKING)
 _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
-_ENDLESS = (-(1 << 62), (1 << 62) - 1)
-"""Range of a modulo axis whose position continues across its ends."""
 _REPORTED = (Reason.HOMING_ERROR, Reason.MOVES_UNASKED, Reason.NOT_ACKNOWLEDGED)
 """Warnings that are reported where they are detected."""
 _AT_LIMIT = 20
@@ -63,8 +62,10 @@ class PositionerExecutor(MotionExecutor):
         if choices is None:
             raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
         self._basic = BasicPositioner(choices)
+        self._travel = self._basic.travel
         super().__init__(records, self._basic, _POSITION_MODE)
         self.choices: PositionerChoices = choices
+        self._bounded = choices.software_limits is not None
         self._units: LengthUnits | None = None
         self._speed: Normalisation | None = None
         self._limits = (0, 0, 0)
@@ -72,8 +73,8 @@ class PositionerExecutor(MotionExecutor):
         self._one_ramp = False
         """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
         self._torque = TorqueLimit(self.outputs)
-        self._ring: Ring | None = None
-        """Position counter of a modulo axis."""
+        self._why = ""
+        """Values of the last warning."""
         self._anchored = 0
         """Serial number of the motion before which the drive was sent to its actual position."""
 
@@ -107,15 +108,15 @@ class PositionerExecutor(MotionExecutor):
             if drive.max_torque <= 0:
                 raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
             drive.entry("current_actual")  # without it a fixed stop is never detected
-        self._ring = self._make_ring(scaling, units) if choices.modulo else None
-        limits = scaling.position_range
-        distances = _in_length(length, self._target_range)
-        if self._ring is None or (limits is not None and not scaling.position_wraps):
-            positions = distances if limits is None else _in_length(length, limits)
-        else:
-            positions = _ENDLESS
-        velocity = 0 if drive.has("profile_velocity") else choices.max_velocity
-        self._basic.set_drive(velocity, positions, distances)
+        self._window = length.to_drive(choices.position_window)
+        travel, limits = self._travel, self._ends
+        travel.ends = scaling.range_source
+        if limits is None and self._target_range != CanType.I32.integer_range:
+            limits, travel.ends = self._target_range, "607Ah"
+        travel.positions = ENDLESS if limits is None else _in_length(length, limits)
+        travel.distances = _in_length(length, self._target_range)
+        travel.turn = _in_length(length, self._ring.turn)
+        travel.only_velocity = 0 if drive.has("profile_velocity") else choices.max_velocity
 
     @property
     def clamps(self) -> bool:
@@ -124,18 +125,21 @@ class PositionerExecutor(MotionExecutor):
         fixed_stop = any(block.task is BlockTask.FIXED_STOP for block in choices.blocks)
         return fixed_stop or choices.clamping_torque is not None
 
-    def _make_ring(self, scaling: Scaling, units: DriveUnits) -> Ring:
+    def _ring_of(self, scaling: Scaling) -> Ring:
         """The ring for the position of this drive; Dsp402Error if it overflows at another value than the modulo range."""
-        if not scaling.position_wraps or scaling.position_range is None:
-            low, high = CanType.I32.integer_range
-            return Ring(low, high - low + 1)
-        low, high = scaling.position_range
-        size = units.positions_per_revolution * self.choices.modulo / self.choices.lu_per_revolution
+        ring, choices, counts = super()._ring_of(scaling), self.choices, scaling.counts_per_revolution
+        if not scaling.position_wraps or not choices.modulo or counts is None:
+            return ring
+        size = counts * choices.modulo / choices.lu_per_revolution
         # 607Bh is the last position, or the one equal to the first: drives differ.
-        if size not in {high - low, high - low + 1}:
-            allowed = f"the range at which the drive wraps (607Bh {low} to {high})"
-            raise Dsp402Error("modulo_range", f"{self.choices.modulo} LU = {float(size):g} position units", allowed)
-        return Ring(low, int(size))
+        if size not in {ring.size - 1, ring.size}:
+            allowed = f"the range at which the drive wraps (607Bh {ring.low} to {ring.turn[1]}), or 607Bh = 0/0"
+            raise Dsp402Error("modulo_range", f"{choices.modulo} LU = {float(size):g} position units", allowed)
+        return Ring(ring.low, int(size))
+
+    @property
+    def range_note(self) -> str:
+        return self._range_line
 
     def restarted(self) -> None:
         self._torque.restarted(lowers=self.clamps)
@@ -144,11 +148,6 @@ class PositionerExecutor(MotionExecutor):
     def lost(self) -> None:
         self._torque.lost()
         super().lost()
-
-    def _forget_home(self) -> None:
-        if self._ring is not None:
-            self._ring.reset()
-        super()._forget_home()
 
     def refuse(self) -> Report:
         super().refuse()
@@ -166,7 +165,7 @@ class PositionerExecutor(MotionExecutor):
         if answer.wish is not self.outputs.probe or units is None:
             return
         for position in answer.positions.values():
-            self._basic.latch(units.to_length(position if self._ring is None else self._ring.near(position)))
+            self._basic.latch(units.to_length(self._ring.near(position)))
         if answer.error is not None:
             self._basic.latch(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
 
@@ -196,7 +195,7 @@ class PositionerExecutor(MotionExecutor):
             if reason is Reason.HOMING_ERROR:
                 reason = self.homing.failure
         self._torque.follow(course.motion.torque if operating else None)
-        if course.warning is not before:
+        if course.warning is not before or (before is not None and self._travel.evidence != self._why):
             self._warn(course.warning)
         reached = positioner.reached and (not self._continued or self.stopped)
         flags = Flag.STANDING if self.inputs.standstill else 0
@@ -215,10 +214,11 @@ class PositionerExecutor(MotionExecutor):
 
     def _warn(self, warning: Reason | None) -> None:
         """Report another warning of the positioner once; it is shown while it is active. An edge that started nothing is none."""
+        why = self._why = self._travel.evidence
         if warning not in _REPORTED:
             self.outputs.end_warnings(TASK_WARNINGS)
             if warning is not None and warning not in HELD:
-                self.outputs.warn(FaultNumber.POSITIONER, warning.value)
+                self.outputs.warn(FaultNumber.POSITIONER, f"{warning.value}; {why}" if why else warning.value)
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
@@ -226,8 +226,11 @@ class PositionerExecutor(MotionExecutor):
         seen, feedback, units = self._seen, self.feedback, self._units
         assert units is not None, "cycles begin when the drive is known"
         statusword, inputs = feedback.statusword, feedback.digital_inputs
-        position, ring = feedback.position_actual, self._ring
-        seen.position = units.to_length(position if ring is None else ring.follow(position))
+        ring = self._ring
+        base = ring.base
+        seen.position = units.to_length(ring.follow(feedback.position_actual))
+        if ring.base != base:
+            self._travel.turn = _in_length(units, ring.turn)
         torque, bits = self._basic.course.motion.torque, 0
         if torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (_AT_LIMIT - 1):
             bits = Seen.TORQUE_AT_LIMIT
@@ -254,8 +257,8 @@ class PositionerExecutor(MotionExecutor):
         assert units is not None, "cycles begin when the drive is known"
         if kind is _STAND:
             return self._ramp_down()
-        mode, ring = self._mode, self._ring
-        if ring is not None and not self.stopped and self._crosses(ring, motion, units) and not self._released():
+        mode = self._mode
+        if self._crosses(motion) and not self.stopped and not self._released():
             return self._slow_down()
         wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
         if mode.mode != wanted and not self.inputs.standstill and not self._released():
@@ -285,12 +288,13 @@ class PositionerExecutor(MotionExecutor):
             self._send_setpoint(motion, units)
         return self._bits if self._set_at < 0 else self._bits | NEW_SETPOINT
 
-    def _crosses(self, ring: Ring, motion: Motion, units: LengthUnits) -> bool:
-        """A setpoint that was not given yet leads across an end of what the drive shows."""
+    def _crosses(self, motion: Motion) -> bool:
+        """An absolute setpoint that was not given yet leads across an end of what the drive shows."""
         goal = motion.goal
-        if motion.kind is not MotionKind.POSITION or goal.distance is not None or motion.serial == self._seen.given:
+        if motion.serial == self._seen.given or motion.kind is not _POSITION or goal.distance is not None:
             return False
-        return ring.target(units.to_drive(goal.target)) is None
+        first, last = self._travel.turn
+        return not first <= goal.target <= last
 
     def _slow_down(self) -> int:
         """Decelerate to standstill in the present mode."""
@@ -356,24 +360,21 @@ class PositionerExecutor(MotionExecutor):
         relative = goal.distance is not None
         target = units.to_drive(goal.target if goal.distance is None else goal.distance)
         ring = self._ring
-        if ring is not None and not relative:
-            inside = ring.target(target)
-            if inside is not None:
-                target = inside
-            elif self._anchored != motion.serial:
+        if self._crosses(motion):
+            if self._anchored != motion.serial:
                 self._anchored = motion.serial
                 self._set_point(ring.position, ControlBit.CHANGE_IMMEDIATELY)
                 return
-            else:
-                relative = True
-                target -= ring.near(ring.position)
-        immediate = 0 if motion.serial == self._basic.queued else ControlBit.CHANGE_IMMEDIATELY
+            relative = True
+            target -= ring.near(ring.position)
+        elif not relative:
+            first, last = ring.turn  # the last unit may end beyond it
+            target = max(first, min(target, last)) - ring.base
+        immediate = 0 if motion.serial == self._travel.queued else ControlBit.CHANGE_IMMEDIATELY
         self._set_point(target, immediate | (ControlBit.RELATIVE if relative else 0))
         self._seen.given = motion.serial
 
     def _home_axis(self, motion: Motion) -> int:
-        if self._ring is not None:
-            self._ring.reset()
         method = self.choices.homing_method
         if self._seen.given != motion.serial and not self.homing.require_method(method):
             self._begin_homing(motion)

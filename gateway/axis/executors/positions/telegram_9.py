@@ -55,7 +55,8 @@ class PositioningExecutor(MotionExecutor):
         window = drive.position_window
         if window is None:
             window = int(drive.scaling.reference(Quantity.POSITION) * self.settings.standstill_window)
-        self._mdi.set_drive(scaling.only_velocity, None if self._turntable else window)
+        self._window = window
+        self._mdi.set_drive(scaling.only_velocity, None if self._turntable else window, self._ring.size)
 
     def refuse(self) -> Report:
         self._active = False
@@ -113,18 +114,18 @@ class PositioningExecutor(MotionExecutor):
             acceleration = min(acceleration, deceleration)
         return Goal(
             MotionKind.POSITION,
-            target if absolute else self.feedback.position_actual + target,
+            target + (self._ring.base if absolute else self._seen.position),
             None if absolute else target,
             *(velocity, acceleration, deceleration),
             direction=request.direction,
-            relative=self._turntable and not absolute,
+            relative=not absolute,
         )
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
     def _read_state(self) -> int:
         seen = self._seen
-        seen.position = self.feedback.position_actual
+        seen.position = self._ring.follow(self.feedback.position_actual)
         stopped = Seen.STOPPED if self._rests else 0
         if self._set_at >= 0 and seen.taken != seen.given and self._read_acknowledge():
             self._executes_next()
@@ -151,7 +152,7 @@ class PositioningExecutor(MotionExecutor):
             return HALT | self._interrupted(goal)
         if mode.halted:
             # Reset Halt alone; a new setpoint or a mode together with it is not allowed.
-            self._resumed_at = self.feedback.position_actual
+            self._resumed_at = self._seen.position
             self._end_set_point()
         else:
             self._shake_hands(motion, goal)
@@ -194,17 +195,22 @@ class PositioningExecutor(MotionExecutor):
         command.profile_velocity = goal.velocity
         command.profile_acceleration, command.profile_deceleration = goal.acceleration, goal.deceleration
         target = goal.target if goal.distance is None else goal.distance
-        if goal.relative and goal.distance is None:
+        if goal.distance is None and self._is_relative(goal):
             target -= self._resumed_at
-        if self._turntable:
-            low, high = self._target_range
-            target = (target - low) % (high - low + 1) + low
+        elif goal.distance is None and (self._turntable or self._ends is None):
+            target = self._ring.shown(target)
         self._set_point(target, self._bits_of(goal))
         self._seen.given = motion.serial
 
+    def _is_relative(self, goal: Goal) -> bool:
+        """Whether the drive gets a way: that of a relative task, and its rest on a turntable or over a wrap."""
+        first, last = self._ring.turn
+        over = self._ends is None and not first <= goal.target <= last
+        return goal.distance is not None or (goal.relative and (self._turntable or over))
+
     def _bits_of(self, goal: Goal) -> int:
         """Controlword bits 5 and 6, and those of a turntable."""
-        if goal.distance is not None or goal.relative:
+        if self._is_relative(goal):
             return ControlBit.CHANGE_IMMEDIATELY | ControlBit.RELATIVE
         return ControlBit.CHANGE_IMMEDIATELY | (self._turn_bits[goal.direction] if self._turntable else 0)
 
