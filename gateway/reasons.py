@@ -543,7 +543,7 @@ class Reason(enum.Enum):
         "end the request; then check whether the drive has this mode (6502h) and changes it in Operation Enabled",
     )
     LOST_EDGE = (
-        "STW1.4, STW1.5 or SATZANW.15 was 0 at the edge of STW1.6 or after it: no task",
+        "STW1.4, STW1.5 or SATZANW.15 was 0 at the edge of STW1.6 or after it, or another function was active: no task",
         _S.WAITS,
         _E.SETPOINT,
         "set STW1.6 to 0 and to 1, with STW1.4 = STW1.5 = 1 (telegram 9: SATZANW.15 = 1 too)",
@@ -555,7 +555,7 @@ class Reason(enum.Enum):
         "set STW1.6 to 0 and, in operation, to 1",
     )
     LOST_HOMING = (
-        "STW1.11 was 1 before operation, or STW1.4 was 0 at its edge or after it: no homing",
+        "STW1.11 was 1 before operation, STW1.4 was 0 at its edge or after it, or another function was active: no homing",
         _S.WAITS,
         _E.SETPOINT,
         "set STW1.11 to 0 and to 1, with STW1.4 = 1",

@@ -7,9 +7,9 @@ units: the executor converts a task with the data of its edge, and finds the way
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import ClassVar, Protocol
 
-from pdgw.gateway.motion.positioner import ACTIVATE, HELD, HOME, Positioner
+from pdgw.gateway.motion.positioner import ACTIVATE, HOME, Positioner
 from pdgw.gateway.motion.requests import (
     Command,
     Goal,
@@ -26,6 +26,7 @@ _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOM
 _DO_NOT_REJECT, _NO_INTERMEDIATE_STOP, _MDI_SELECTED = Command.DO_NOT_REJECT, Command.NO_INTERMEDIATE_STOP, Command.MDI
 _SELECTED = _DO_NOT_REJECT | _MDI_SELECTED
 _HOMES = _DO_NOT_REJECT | HOME
+_FUNCTIONS = ACTIVATE | HOME
 _STOPPED = Seen.STOPPED
 
 
@@ -40,7 +41,9 @@ class MdiDrive(Protocol):
 
 
 class MdiPositioner(Positioner):
-    """One axis' positioner."""
+    """One axis' positioner, without jogs."""
+
+    FUNCTIONS: ClassVar[int] = _FUNCTIONS
 
     def __init__(self, drive: MdiDrive) -> None:
         self._drive = drive
@@ -65,8 +68,8 @@ class MdiPositioner(Positioner):
         self.request = request
         course, before, operating = self.course, self.state, self.seen.bits & Seen.OPERATING != 0
         course.look()
-        if request.commands != self._commands:
-            self._end_held()
+        if request.commands != self._commands or not operating:
+            self._follow_bits(operating=operating)
         if before is _BRAKING and operating:
             self._take_while_braking(request)
         accepts = request.commands & _DO_NOT_REJECT != 0
@@ -74,7 +77,7 @@ class MdiPositioner(Positioner):
         state = self.state
         if state is not _HOMING:
             course.follow(request, now)
-        if not accepts and course.warning not in HELD:
+        if not accepts and course.warning is not Reason.LOST_EDGE:
             self.warn(None)
         reason = self._reason(request, before)
         if state is not _BRAKING:
@@ -89,14 +92,19 @@ class MdiPositioner(Positioner):
             return self._braking_reason
         idle = before is _IDLE or (before is _HOMING and self.seen.homing is not HomingResult.RUNNING)
         warning = self.course.warning
-        if state is _IDLE and idle and (warning is None or warning in HELD):
-            if warning is not None and not request.commands & _DO_NOT_REJECT:
+        if state is _IDLE and idle and (warning is None or warning is Reason.LOST_EDGE):
+            lost = warning or self.reason_of_ignored()
+            if lost is not None and not request.commands & _DO_NOT_REJECT:
                 return Reason.REJECTED
             if not request.commands & _MDI_SELECTED:
                 return Reason.MDI_OFF
-            if warning is Reason.LOST_EDGE and not request.commands & _NO_INTERMEDIATE_STOP:
+            if lost is Reason.LOST_EDGE and not request.commands & _NO_INTERMEDIATE_STOP:
                 return Reason.INTERMEDIATE_STOP
         return self.course.held
+
+    @property
+    def waiting(self) -> int:
+        return (ACTIVATE if self._waiting is not None else 0) | (HOME if self.homing is not None else 0)
 
     def _events(self) -> dict[Event, Callable[[], int]]:
         return {
@@ -122,8 +130,6 @@ class MdiPositioner(Positioner):
         """The edge of a homing that the drive has."""
         request, edge = self.request, self._edges & HOME != 0
         accepts = request.commands & _DO_NOT_REJECT != 0
-        if edge and not accepts:
-            self.warn(Reason.LOST_HOMING)
         if not self._drive.require_homing(edge=edge and accepts):
             return False
         self.homing = (request.number, request.velocity)
@@ -202,9 +208,11 @@ class MdiPositioner(Positioner):
         goal = self._waiting
         assert goal is not None, "the rows with a start follow an edge"
         self._finish()
+        self._effective |= ACTIVATE
         self.course.aim(goal)
 
     def _start_homing(self) -> None:
         self._forget()
+        self._effective |= HOME
         self.warn(None)
         self.course.home()

@@ -11,7 +11,7 @@ import enum
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import BlockTable
@@ -28,7 +28,7 @@ from pdgw.gateway.motion.requests import (
     PositionerRequest,
     Seen,
 )
-from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
+from pdgw.gateway.motion.states import FUNCTIONS, JOGS, TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.travel import Course, UserCourse
 from pdgw.gateway.motion.units import Direction
 from pdgw.gateway.reasons import Reason
@@ -46,7 +46,6 @@ RISING: Final = ACTIVATE | HOME | Command.EXTERNAL_BLOCK_CHANGE | Command.SET_RE
 """Commands whose rising edges count."""
 _ON_THE_FLY: Final = HOME | _PASSIVE_HOMING
 _UPDATES: Final = Command.CONTINUOUS_UPDATE | ACTIVATE
-_JOGS: Final = Command.JOG_1_ON | Command.JOG_2_ON
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
 """Functions an intermediate stop keeps, and an edge during it replaces."""
 _DISTURBANCES = frozenset(
@@ -60,9 +59,6 @@ _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLO
 _OFF, _IDLE, _MDI, _SETTING_UP = State.OFF, State.IDLE, State.MDI, State.SETTING_UP
 _HOMING, _TRACKING = State.HOMING, State.TRACKING
 _SETTING_UP_TASK, _BLOCK_TASK = Event.SETTING_UP, Event.BLOCK
-HELD = {Reason.LOST_EDGE: ACTIVATE, Reason.EARLY_EDGE: ACTIVATE, Reason.LOST_HOMING: HOME}
-"""Warnings of an edge that started nothing, with its bit. They end with the next task, with operation, or (all but the first)
-with 0 in the bit."""
 
 
 class Acknowledge(enum.Enum):
@@ -122,6 +118,9 @@ class _Task:
 class Positioner:
     """The state machine of one axis' positioner: its table, the function that runs, and the commands before this step."""
 
+    FUNCTIONS: ClassVar[int] = FUNCTIONS
+    """Bits that start a function."""
+
     def __init__(self, course: Course, transitions: Mapping[State, tuple[Transition, ...]]) -> None:
         self.course = course
         self.seen = course.seen
@@ -132,6 +131,10 @@ class Positioner:
         """The commands of this step."""
         self._commands = 0
         """The commands of the step before; out of operation without those whose edges count."""
+        self._effective = 0
+        """Bits of ``FUNCTIONS`` that are 1 and have started one."""
+        self._early = 0
+        """Those that have been 1 since before operation."""
         events, actions = self._events(), self._actions()
 
         def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
@@ -187,11 +190,7 @@ class Positioner:
         for happened, act, row in self._table[self.state][calm]:
             if happened():
                 act()
-                if row.lost:
-                    bits = self.request.commands
-                    if bits & _PASSIVE_HOMING:
-                        bits &= ~HOME
-                    self.warn(next((warning for warning in row.lost if bits & HELD[warning]), self.course.warning))
+                self._effective &= ~row.lost
                 self.state = row.target
                 break
 
@@ -200,11 +199,31 @@ class Positioner:
         """Rising edges of this step; bits that were 1 before operation are not edges."""
         return self.request.commands & ~self._commands
 
-    def _end_held(self) -> None:
-        """The commands have changed: end a warning that lasts until its bit is 0."""
-        warning = self.course.warning
-        if warning in HELD and warning is not Reason.LOST_EDGE and not self.request.commands & HELD[warning]:
-            self.warn(None)
+    def _follow_bits(self, *, operating: bool) -> None:
+        """The commands or the operation have changed: a bit at 0 has no effect and is not early."""
+        commands = self.request.commands
+        self._effective &= commands
+        self._early = self._early & commands if operating else commands
+
+    @property
+    def waiting(self) -> int:
+        """Bits of ``FUNCTIONS`` whose function will start."""
+        raise NotImplementedError
+
+    @property
+    def ignored(self) -> int:
+        """Bits of ``FUNCTIONS`` that are 1 without an effect."""
+        commands = self.request.commands & self.FUNCTIONS
+        return commands & ~(self._effective | self.waiting) if commands else 0
+
+    def reason_of_ignored(self) -> Reason | None:
+        """What the first of them lacks."""
+        ignored = self.ignored
+        if ignored & ACTIVATE:
+            return Reason.EARLY_EDGE if self._early & ACTIVATE else Reason.LOST_EDGE
+        if ignored & HOME:
+            return Reason.LOST_HOMING
+        return Reason.LOST_JOG if ignored else None
 
     def _homing_is(self, result: HomingResult) -> bool:
         return self.seen.taken >= self.course.motion.serial and self.seen.homing is result
@@ -334,6 +353,8 @@ class BasicPositioner(Positioner):
         if self._chain.block is not None:
             self._chain.look_ahead()
         state = self.state
+        if state is _IDLE and course.warning is Reason.FUNCTION_RUNS:
+            self.warn(None)  # it has ended
         if state is not _HOMING:
             course.follow(request, now)
         if (state is _IDLE or state is _TRACKING) and (not commands & ACTIVATE or self._shown is _OFF):
@@ -345,22 +366,29 @@ class BasicPositioner(Positioner):
     def _reason(self, commands: int) -> Reason | None:
         """Why nothing moves just now."""
         reason = self.travel.held or (None if commands & _DO_NOT_REJECT else Reason.REJECTED) or self.travel.warning
-        jog = commands & _JOGS and not commands & _JOG_INCREMENTAL
-        if jog and self.state is _IDLE and reason is None and not self._jog_asked():
-            return Reason.LOST_JOG
-        return reason
+        rests = self.state is _IDLE or self.state is _TRACKING
+        return self.reason_of_ignored() if rests and reason is None else reason
+
+    @property
+    def waiting(self) -> int:
+        waiting = self._armed
+        if self._pending is not None:
+            waiting |= ACTIVATE
+        if self._homing_waits or self._passive_homing is not _NOT_PASSIVE:
+            waiting |= HOME
+        return waiting
 
     # -- inputs ---------------------------------------------------------------------------------------------------------
 
     def _read_request(self) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
-        self._end_held()
         operating, commands, edges = self.seen.bits & Seen.OPERATING != 0, self.request.commands, self._edges
+        self._follow_bits(operating=operating)
         self._commands = commands if operating else commands & ~RISING
         accepts = commands & _DO_NOT_REJECT
-        jogs = commands & _JOGS
-        allowed = operating and accepts and jogs != _JOGS
-        self._armed = _JOGS & ~jogs | (self._armed if allowed else 0)
+        jogs = commands & JOGS
+        allowed = operating and accepts and jogs != JOGS
+        self._armed = JOGS & ~jogs | (self._armed if allowed else 0)
         if not accepts:
             self._pending = None
         if not (accepts and commands & HOME):
@@ -377,11 +405,9 @@ class BasicPositioner(Positioner):
             else:
                 self.warn(Reason.LOST_EDGE)
         if edges & HOME and not commands & _PASSIVE_HOMING:
-            if not accepts:
-                self.warn(Reason.LOST_HOMING)
-            elif self.state is _IDLE or self.state is State.BRAKING:
+            if accepts and (self.state is _IDLE or self.state is State.BRAKING):
                 self._homing_waits = True
-            else:
+            elif accepts:
                 self.warn(Reason.FUNCTION_RUNS)
         if edges & Command.EXTERNAL_BLOCK_CHANGE:
             self._chain.external = True
@@ -428,8 +454,8 @@ class BasicPositioner(Positioner):
 
     def _jog_bit(self) -> int:
         """The bit of a jog if it is the only one, 0 for none or both."""
-        jogs = self.request.commands & _JOGS
-        return 0 if jogs == _JOGS else jogs
+        jogs = self.request.commands & JOGS
+        return 0 if jogs == JOGS else jogs
 
     def _jog_asked(self) -> bool:
         return self._jog_bit() & self._armed != 0
@@ -443,7 +469,7 @@ class BasicPositioner(Positioner):
 
     def _clear(self) -> None:
         """Operation begins, or a reject without a function. An edge that started nothing stays named until operation."""
-        if self.state is _OFF or self.travel.warning not in HELD:
+        if self.state is _OFF or self.travel.warning is not Reason.LOST_EDGE:
             self.warn(None)
 
     def _forget(self) -> None:
@@ -488,6 +514,7 @@ class BasicPositioner(Positioner):
         self._forget()
         self.warn(Reason.FUNCTION_RUNS if homing_waits else None)
         self._task = task
+        self._effective |= ACTIVATE
         self._acknowledge = Acknowledge.OWED
         self._shown = _FUNCTION[task.event]
         if task.event is _BLOCK_TASK:
@@ -515,6 +542,7 @@ class BasicPositioner(Positioner):
     def _start_jog(self) -> None:
         self._begin()
         self._jog = self._jog_bit()
+        self._effective |= self._jog
         place = self._jog == Command.JOG_2_ON
         velocity = self.choices.jog_velocities[place]
         if self.request.commands & _JOG_INCREMENTAL:
@@ -529,6 +557,7 @@ class BasicPositioner(Positioner):
     def _start_homing(self) -> None:
         """The drive sets a new zero at an unknown moment: the old offset must not be used with it."""
         self._begin()
+        self._effective |= HOME
         self.forget_home()
         self._homing_until = self._now + SHOWN_NS
         self.travel.home()

@@ -11,8 +11,9 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Final
 
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.motion.requests import Command
 
 
 class State(enum.Enum):
@@ -96,27 +97,29 @@ class Transition:
     event: Event
     target: State
     action: Action = Action.NOTHING
-    lost: tuple[Reason, ...] = ()
-    """Warnings of bits that start nothing without another edge: that of the first bit that is 1 becomes active."""
+    lost: int = 0
+    """Bits that have lost their effect: while they are 1 they start nothing."""
 
 
-_EARLY = (Reason.EARLY_EDGE, Reason.LOST_HOMING)
-_LOST_EDGE, _LOST_HOMING = (Reason.LOST_EDGE,), (Reason.LOST_HOMING,)
-_LOST = Transition(Event.NOT_OPERATING, State.OFF, Action.DROP)
-_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE, _LOST_EDGE)
-_JOG_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE)
-_HOMING_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE, _LOST_HOMING)
+_ACTIVATE, _HOME = Command.ACTIVATE_TASK, Command.START_HOMING
+JOGS: Final = Command.JOG_1_ON | Command.JOG_2_ON
+FUNCTIONS: Final = _ACTIVATE | _HOME | JOGS
+"""Bits that start a function. One that is 1 and has started none, or whose function was rejected, is ignored."""
+_LOST = Transition(Event.NOT_OPERATING, State.OFF, Action.DROP, FUNCTIONS)
+_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE, _ACTIVATE)
+_JOG_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE, JOGS)
+_HOMING_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE, _HOME)
 _REFUSED = Transition(Event.TASK_REFUSED, State.BRAKING, Action.REFUSE_AND_BRAKE)
 _REPLACED_BY_MDI = Transition(Event.MDI, State.MDI, Action.REPLACE)
 _REPLACED_BY_SETTING_UP = Transition(Event.SETTING_UP, State.SETTING_UP, Action.REPLACE)
 _REPLACED_BY_BLOCK = Transition(Event.BLOCK, State.BLOCK, Action.REPLACE)
-_JOG_RELEASED = Transition(Event.JOG_RELEASED, State.BRAKING, Action.BRAKE)
+_JOG_RELEASED = Transition(Event.JOG_RELEASED, State.BRAKING, Action.BRAKE, JOGS)
 _TASK = (_LOST, _REJECTED, _REFUSED, _REPLACED_BY_MDI, _REPLACED_BY_SETTING_UP)
 """Rows of every task."""
 
 TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
     {
-        State.OFF: (Transition(Event.OPERATING, State.IDLE, Action.CLEAR, _EARLY),),
+        State.OFF: (Transition(Event.OPERATING, State.IDLE, Action.CLEAR),),
         State.IDLE: (
             _LOST,
             Transition(Event.REJECTED, State.IDLE, Action.CLEAR),
@@ -170,7 +173,7 @@ TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
 )
 """Every state with its rows, in the order of their check: what ends a motion comes first."""
 
-_DROPPED = Transition(Event.NOT_OPERATING, State.IDLE, Action.DROP, _EARLY)
+_DROPPED = Transition(Event.NOT_OPERATING, State.IDLE, Action.DROP, FUNCTIONS)
 MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
     {
         State.IDLE: (
@@ -180,9 +183,9 @@ MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
         ),
         State.MDI: (
             _DROPPED,
-            Transition(Event.HOMING_LOST, State.BRAKING, Action.BRAKE, _LOST_HOMING),
+            Transition(Event.HOMING_LOST, State.BRAKING, Action.BRAKE, _ACTIVATE | _HOME),
             _REJECTED,
-            Transition(Event.DESELECTED, State.BRAKING, Action.BRAKE, _LOST_EDGE),
+            Transition(Event.DESELECTED, State.BRAKING, Action.BRAKE, _ACTIVATE),
             Transition(Event.HOMING, State.BRAKING, Action.BRAKE_TO_HOME),
             _REPLACED_BY_MDI,
             Transition(Event.REACHED, State.IDLE, Action.FINISH),

@@ -55,6 +55,13 @@ _STOPS: Final = {
 _HELD: Final = (Reason.COAST_STOP, Reason.QUICK_STOP)
 _ENABLES: Final = (1, 2, 3)
 """Bits of STW1 that must be 1 beside ON: no OFF2, no OFF3, enable operation."""
+_NAMED: Final = {
+    Reason.LOST_EDGE: 1 << 6,
+    Reason.EARLY_EDGE: 1 << 6,
+    Reason.LOST_HOMING: 1 << 11,
+    Reason.LOST_JOG: 3 << 8,
+}
+"""Bits of STW1 that a reason names."""
 _AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
 _SPEEDS: Final = (SignalQuantity.SPEED, SignalQuantity.MOTION_VELOCITY)
 _FULL: Final = 100.0
@@ -284,7 +291,8 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
     if reason in _AT_LIMIT:
         chain.breaks(reason, *_limit_texts(axis, reason))
     elif reason is not None and reason.enable is Enable.SETPOINT:
-        chain.breaks(reason)
+        others = _bits(machine.executor.ignored & ~_NAMED.get(reason, 0), " = 1")
+        chain.breaks(reason, f"{reason.value}; without effect: {others}" if others else "")
     elif reason is None:
         chain.passes(Enable.SETPOINT)
 

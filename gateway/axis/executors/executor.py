@@ -68,6 +68,11 @@ class Executor:
         """For the user: where the positions of the drive end, or that only the profile says that they wrap; empty: neither."""
         return ""
 
+    @property
+    def ignored(self) -> int:
+        """Bits of STW1 that are 1 and start nothing."""
+        return 0
+
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""
 

@@ -30,6 +30,7 @@ from pdgw.gateway.axis.power_states import (
 )
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, LIMITS, ROWS
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
+from pdgw.gateway.motion.requests import Command
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
 from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
 from pdgw.gateway.parameters.guarded import GUARDED
@@ -159,11 +160,17 @@ def _positioner(transitions: Mapping[State, Sequence[Transition]]) -> str:
         if row.event is not Event.NOT_OPERATING and row.target is not state
     ]
     cells = (
-        (state.value, row.event.value, row.target.value, row.action.value, "; or ".join(why.value for why in row.lost))
+        (
+            state.value,
+            row.event.value,
+            row.target.value,
+            row.action.value,
+            ", ".join(command.name for command in Command if command & row.lost),
+        )
         for state, row in rows
     )
     return (
-        table(("state", "event", "next state", "what is done", "warning if the bit is 1"), cells)
+        table(("state", "event", "next state", "what is done", "bits without effect from then on"), cells)
         + "\n"
         + "\n".join([*lines, "```"])
         + "\n"

@@ -211,6 +211,14 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
     ),
+    "telegram 111: STW1.6 and STW1.8 rise while STW1.4 = 0": DeviceSituation(
+        tables=_POSITIONER,
+        begin=words((0x043F, _MDI), (0x042F, {}), (0x046F, {}), (0x056F, {}), (0x057F, {})),
+        says=("Waits", "was 0 at the edge of STW1.6", "without effect: STW1.8 = 1", "set STW1.6 to 0 and to 1"),
+        lacks=("In operation",),
+        health=Health.WARNING,
+        cure=words((0x043F, {}), (0x047F, {})),
+    ),
     "telegram 111: STW1.6 is 1 before ON": DeviceSituation(
         tables=_POSITIONER,
         begin=words((0x047E, _MDI), (0x047F, {})),

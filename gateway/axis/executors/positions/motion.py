@@ -22,10 +22,11 @@ from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.values import Answer
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, PositionerRequest, Seen
-from pdgw.gateway.motion.states import State
+from pdgw.gateway.motion.states import FUNCTIONS, State
 from pdgw.gateway.motion.travel import Stall
 from pdgw.gateway.motion.units import Ring
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
+from pdgw.profidrive.signals import signal
 
 HALT = ControlBit.HALT
 NEW_SETPOINT = ControlBit.NEW_SETPOINT
@@ -38,6 +39,10 @@ CiA 402 has no limit. A drive that is free for a setpoint acknowledges it within
 setpoint may have to be written by SDO. A drive whose buffer is full is given no setpoint.
 """
 _NO_STOP_OF_A_TASK: Final = Command.NO_INTERMEDIATE_STOP | Command.JOG_1_ON | Command.JOG_2_ON | Command.START_HOMING
+_FUNCTION_BITS: Final = tuple(
+    (command, signal("STW1").bit(command.name, positioning=True).mask) for command in Command if command & FUNCTIONS
+)
+"""Bits of STW1 by command."""
 _RAMPS = (Action.RAMP, Action.RAMP_END)
 _STALLED: Final = warning_bits(FaultNumber.STALLED)
 _MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
@@ -149,6 +154,11 @@ class MotionExecutor(Executor):
     def limit_side(self) -> int:
         way = self.positioner.way
         return (way > 0) - (way < 0)
+
+    @property
+    def ignored(self) -> int:
+        ignored = self.positioner.ignored if self._seen.bits & Seen.OPERATING else 0
+        return sum(mask for command, mask in _FUNCTION_BITS if ignored & command)
 
     def restarted(self) -> None:
         self._forget_home()

@@ -23,7 +23,7 @@ from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTask
-from pdgw.gateway.motion.positioner import HELD, BasicPositioner
+from pdgw.gateway.motion.positioner import BasicPositioner
 from pdgw.gateway.motion.requests import (
     Command,
     HomingResult,
@@ -217,7 +217,7 @@ class PositionerExecutor(MotionExecutor):
         why = self._why = self._travel.evidence
         if warning not in _REPORTED:
             self.outputs.end_warnings(TASK_WARNINGS)
-            if warning is not None and warning not in HELD:
+            if warning is not None and warning is not Reason.LOST_EDGE:
                 self.outputs.warn(FaultNumber.POSITIONER, f"{warning.value}; {why}" if why else warning.value)
 
     # -- state of the drive ---------------------------------------------------------------------------------------------

@@ -75,6 +75,7 @@ class PositioningExecutor(MotionExecutor):
             waits = mdi.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= Flag.REACHED
+                reason = reason or mdi.reason_of_ignored()
         if self._stop_reached(request):
             flags |= Flag.REACHED
         if mdi.home_set:
