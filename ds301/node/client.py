@@ -321,8 +321,7 @@ class NodeClient(abc.ABC, Generic[S]):
         settings = self.settings
         self._sdo_timeout_ns = max(settings.sdo_timeout_ms * MS, self._slow)
         self.sdo.set_timeout(self._sdo_timeout_ns, slow=self._slow > 0)
-        self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
-        self._heartbeat_limit_ms = settings.heartbeat_ms * settings.heartbeat_factor
+        self._timeout_ns = settings.tpdo_limit_ns
 
     def _unsubscribe_pdos(self) -> None:
         for slot in self._slots:
@@ -536,7 +535,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._acyclic = list(plan.read)
         # A client that reads a long object must not delay what the owner commands and reads by SDO.
         self.sdo.longest_upload_ns = self._sdo_timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
-        self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
+        self._timeout_ns = settings.tpdo_limit_ns
         if plan.needs_sync:
             syncs = max((item.type for item in plan.tpdos if item.pace is Pace.SYNC), default=EVERY_SYNC)
             cycles = max(settings.tpdo_timeout_factor, _MISSED * syncs)
@@ -591,7 +590,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _await_heartbeat(self) -> None:
         """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
-        heartbeat, longest = self.heartbeat, self._heartbeat_limit_ms * MS
+        heartbeat, longest = self.heartbeat, self.settings.heartbeat_limit_ns
         limit = max(_FIRST_SIGN_NS, longest)
         deadline = self.loop.now() + limit
         while heartbeat.expected and (heartbeat.state != NmtState.OPERATIONAL or heartbeat.gap > longest):
@@ -699,7 +698,7 @@ class NodeClient(abc.ABC, Generic[S]):
             return f"node {self.settings.node_id} restarted"
         if self.sdo.doubles.proof:
             return str(self.sdo.two_devices())
-        if lost := self.heartbeat.lost(now, self._heartbeat_limit_ms, self._slots):
+        if lost := self.heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots):
             return lost
         overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         if overdue:

@@ -90,14 +90,14 @@ class Heartbeat:
                 self._doubles.proof = "heartbeats show two NMT states"
         return boots
 
-    def lost(self, now: int, limit_ms: int, tpdos: Iterable[TpdoSlot]) -> str:
+    def lost(self, now: int, limit: int, tpdos: Iterable[TpdoSlot]) -> str:
         """Why the node is lost; empty if it is there, or reports nothing at all."""
         if not self.expected:
             return ""
-        if now - self.time > limit_ms * MS:
-            runs = any(slot.time > self.time + limit_ms * MS // 2 for slot in tpdos)
+        if now - self.time > limit:
+            runs = any(slot.time > self.time + limit // 2 for slot in tpdos)
             but = " while its TPDOs arrive; check the firmware of the device, and who writes 1017h" if runs else ""
-            return f"no heartbeat for {limit_ms} ms{but}"
+            return f"no heartbeat for {limit // MS} ms{but}"
         if self.state != NmtState.OPERATIONAL:
             return f"the heartbeat of node {self._node_id} says {NmtState.text(self.state)}"
         return ""

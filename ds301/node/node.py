@@ -12,6 +12,7 @@ from typing import Final
 
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.pdo import Pdo
+from pdgw.durations import MS
 
 GATEWAY_NODE_ID: Final = 127
 
@@ -50,6 +51,16 @@ class NodeSettings:
     """RPDOs use SYNC with this period (1006h), too; 0: they take effect on arrival."""
     cycle_ms: int = 0
     """Time between two SYNC of the gateway."""
+
+    @property
+    def heartbeat_limit_ns(self) -> int:
+        """Longest time between two heartbeats of a node that is there."""
+        return self.heartbeat_ms * self.heartbeat_factor * MS
+
+    @property
+    def tpdo_limit_ns(self) -> int:
+        """The same of event-driven TPDOs; a TPDO on SYNC may have a longer one."""
+        return self.tpdo_event_ms * self.tpdo_timeout_factor * MS
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commissioning.chain_comparison import Measurement, compare, compare_turns, rpm
+from pdgw.tools.commissioning.device_times import DeviceTimes
 
 TELEGRAM = 1
 _CYCLE_NS = 10 * MS
@@ -189,6 +190,8 @@ class AxisTest:
                 raise GatewayError(f"a PLC sends frames from {self._other_plc}: switch it off or unplug it")
             daemon = self._daemon = Daemon(self.config, self._platform)
             self._axis = daemon.axes[0]
+            self._times = times = DeviceTimes(self._axis.drive)
+            self._axis.drive.network.listeners.append(lambda message: times.see(message, self._loop.now()))
             daemon.start()
             try:
                 self._run_steps()
@@ -223,10 +226,14 @@ class AxisTest:
             self._compare(drive, self._hold(drive, self._choices.percent))
         else:
             self._report("the test does not turn it faster")
+        speed, begun = abs(self._axis.drive.feedback.velocity_actual), self._loop.now()
         self._command(_ON)
         self._wait(self._at_standstill, _SETTLING_NS, "standstill")
+        braked = (self._loop.now() - begun) * drive.scaling.reference(Quantity.SPEED)
+        self._times.add("ramp from 100 % speed", int(braked / max(1, speed)))
         turns = self._show_way(drive)
         self._stop(_OFF)
+        self._show_times()
         if self.outcome.passed:
             self._ask_for_turns(drive, turns)
 
@@ -423,6 +430,7 @@ class AxisTest:
 
     def _position(self) -> int | None:
         """Distance of 6064h in increments; None for a drive without it. AxisTestError when it exceeds the commanded distance."""
+        asked = self._loop.now()
         try:
             raw = self._loop.result(
                 self._axis.drive.submit(lambda node: node.sdo.read_number(POSITION_ACTUAL, signed=True)), _SDO_NS
@@ -431,6 +439,7 @@ class AxisTest:
             return None
         except (CanopenError, SdoCommunicationError, TimeoutError) as error:
             raise AxisTestError(f"6064h cannot be read: {error}") from error
+        self._times.add("SDO answer", self._loop.now() - asked)
         drive = self._axis.drive.drive_type
         assert drive is not None
         counts = drive.scaling.counts_per_revolution
@@ -474,6 +483,12 @@ class AxisTest:
         moved = self.outcome.moved = end - self._begun
         self._report(f"in all     6064h {moved:+d}")
         return self._commanded if counts is None else abs(Fraction(moved) / counts)
+
+    def _show_times(self) -> None:
+        """Print what the drive needed of the times that the gateway gives it."""
+        self._report("The times of this drive, and the limits of the gateway:")
+        for line in self._times.lines(self._axis.drive.settings, self._axis.machine.settings):
+            self._report(line)
 
     def _ask_for_turns(self, drive: DriveType, turns: Fraction) -> None:
         """Ask a person for the number of turns: drive and gateway also agree when both have the same wrong resolution."""
