@@ -48,6 +48,7 @@ from pdgw.gateway.configuration.environment import (
     Integer,
     ParametersConfig,
     Section,
+    Simulated,
     TraceConfig,
     TransportConfig,
 )
@@ -112,7 +113,7 @@ class AxisConfig(DriveObjectSection):
     """Time from 100 % speed to standstill with the drive's own ramps (6084h, 6085h)."""
     modulo_axis: Boolean = _AXIS.modulo_axis
     intermediate_stop_reached: Boolean = _AXIS.intermediate_stop_reached
-    simulate: Boolean = False
+    simulate: Simulated = False
     ramp_stop_resume: Boolean = _AXIS.ramp_stop_resume
     standstill_window_percent: Annotated[Fraction, BeforeValidator(_standstill), Field(gt=0, le=Fraction(1, 2))] = (
         _AXIS.standstill_window

@@ -13,7 +13,7 @@ from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, add_telegram
-from pdgw.gateway.configuration.environment import Boolean, DriveObjectSection, Integer, Section
+from pdgw.gateway.configuration.environment import Boolean, DriveObjectSection, Integer, Section, Simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import (
     HIGHEST_BLOCK,
@@ -75,7 +75,7 @@ class EncoderConfig(DriveObjectSection):
         3000
     )
     """100 % of NIST_A and NIST_B: rpm, of a linear encoder mm/s."""
-    simulate: Boolean = False
+    simulate: Simulated = False
     motion: str = "still"
     """Motion of a simulated encoder, in the notation of ``pdgw sim encoder --motion``."""
     tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] | None = None

@@ -34,6 +34,8 @@ _MISSPELT = 0.85
 Integer = Annotated[int, Strict()]
 """true and "3" are not numbers here."""
 Boolean = Annotated[bool, Strict()]
+Simulated = Boolean | tuple[str, ...]
+"""Whether a simulated device is used; a list has its habits, each as "NAME PARAMETER=VALUE ..."."""
 Port = Annotated[Integer, Field(ge=0, le=65535)]
 DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Final
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
 
 import can
 
@@ -16,11 +18,12 @@ from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive import touch_probe
 from pdgw.durations import MS
-from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.drive.drive_behaviours import DRIVE_HABITS
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.drive.model.shapes import ENGEL, Machine, Shape
+from pdgw.peers.node.behaviour import NONE, HabitValues
 from pdgw.peers.node.device import Value
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 from pdgw.peers.node.running import RunningNode
@@ -44,7 +47,7 @@ _STEADY: Final = frozenset(
 class SimulatedDriveNode(SimulatedNode):
     """CANopen drive, sans-I/O: ``receive`` and ``poll`` with times, frames to ``send``."""
 
-    catalogue = DRIVE_MISBEHAVIOURS
+    catalogue = DRIVE_HABITS
 
     def __init__(
         self,
@@ -56,19 +59,19 @@ class SimulatedDriveNode(SimulatedNode):
         serial_number: int = 1,
         shape: Shape = ENGEL,
         latency: Latency = NO_LATENCY,
+        habits: HabitValues = NONE,
     ) -> None:
         self._ready = False
         self.shape = shape
+        self.frozen: Sequence[str] = ()
+        """Objects accepted in the mapping of a TPDO but sent as zeros."""
         self._guard_toggle = 0
         self._guarded_until = 0
         self._commands: deque[tuple[int, Pdo, bytes]] = deque()
         """Received RPDOs with the time at which they apply."""
         self.model = DriveModel(self._object, machine, shape)
-        self.model.latency = latency
-        super().__init__(node_id, shape.objects(serial_number, pdos), self.model, send)
-        self.boot_ns = shape.boot_ms * MS
-        if shape.sdo_ms:
-            self.start_fault("slow-sdo", delay_ms=shape.sdo_ms)
+        self.model.latency = replace(latency)
+        super().__init__(node_id, shape.objects(serial_number, pdos), self.model, send, {**shape.habits, **habits})
         self._ready = True
 
     def _object(self, index: int, subindex: int) -> int:
@@ -120,11 +123,11 @@ class SimulatedDriveNode(SimulatedNode):
 
     def packed(self, pdo: Pdo) -> bytes:
         data = pdo.pack(self.model)
-        if self.shape.frozen and not self.shape.frozen.isdisjoint(pdo.attributes):
+        if not set(self.frozen).isdisjoint(pdo.attributes):
             end = 0
             for entry in pdo.entries:
                 begin, end = end, end + entry.type.bits // 8
-                if entry.attribute in self.shape.frozen:
+                if entry.attribute in self.frozen:
                     data = data[:begin] + bytes(end - begin) + data[end:]
         return data
 
@@ -187,27 +190,10 @@ class SimulatedDriveNode(SimulatedNode):
 
 
 class SimulatedDrive(RunningNode[SimulatedDriveNode]):
-    """A ``SimulatedDriveNode`` running on a bus; see ``RunningNode``."""
+    """A ``SimulatedDriveNode``, which has the ``options``, running on a bus; see ``RunningNode``."""
 
-    def __init__(
-        self,
-        bus: can.BusABC | CanPort,
-        node_id: int,
-        *,
-        machine: Machine | None = None,
-        pdos: int | None = None,
-        serial_number: int = 1,
-        shape: Shape = ENGEL,
-        latency: Latency = NO_LATENCY,
-        loop: Loop | None = None,
-    ) -> None:
-        super().__init__(
-            bus,
-            lambda send: SimulatedDriveNode(
-                node_id, send, machine=machine, pdos=pdos, serial_number=serial_number, shape=shape, latency=latency
-            ),
-            loop,
-        )
+    def __init__(self, bus: can.BusABC | CanPort, node_id: int, *, loop: Loop | None = None, **options: Any) -> None:
+        super().__init__(bus, lambda send: SimulatedDriveNode(node_id, send, **options), loop)
 
     @property
     def model(self) -> DriveModel:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import can
 
@@ -15,8 +16,9 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.kinds import OPERATING_RESERVED, ROTARY, Dsp406Error, EncoderDevice
 from pdgw.dsp406.objects import CYCLIC_TIMER, OPERATING_PARAMETERS, PRESET, PRESET_MULTI_SENSOR
-from pdgw.peers.encoder.encoder_model import ENCODER_MISBEHAVIOURS, EncoderModel
+from pdgw.peers.encoder.encoder_model import ENCODER_HABITS, EncoderModel
 from pdgw.peers.encoder.motion import Follower, Motion
+from pdgw.peers.node.behaviour import NONE, HabitValues
 from pdgw.peers.node.device import Value
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 from pdgw.peers.node.running import RunningNode
@@ -29,7 +31,7 @@ class SimulatedEncoderNode(SimulatedNode):
     ``EncoderModel``.
     """
 
-    catalogue = ENCODER_MISBEHAVIOURS
+    catalogue = ENCODER_HABITS
 
     def __init__(
         self,
@@ -40,9 +42,10 @@ class SimulatedEncoderNode(SimulatedNode):
         motions: Sequence[Motion] = (),
         serial_number: int = 1,
         operating_time: int | None = 0,
+        habits: HabitValues = NONE,
     ) -> None:
         self.model = EncoderModel(device, self._object, motions, operating_time)
-        super().__init__(node_id, encoder_objects(device, serial_number), self.model, send)
+        super().__init__(node_id, encoder_objects(device, serial_number), self.model, send, habits)
 
     def _object(self, index: int, subindex: int) -> int:
         return int(self.values[index, subindex])
@@ -85,7 +88,7 @@ class SimulatedEncoderNode(SimulatedNode):
 
     def sent_on_change(self, transmission_type: int) -> bool:
         """With type 254 only the cyclic timer is an event."""
-        return transmission_type == EVENT_DRIVEN_PROFILE
+        return self.changes_are_events and transmission_type == EVENT_DRIVEN_PROFILE
 
     def storable(self, entry: Entry) -> bool:
         """Cam enable and polarity are stored, too, although PDOs can contain them."""
@@ -99,31 +102,10 @@ class SimulatedEncoderNode(SimulatedNode):
 
 
 class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
-    """A ``SimulatedEncoderNode`` running on a bus; see ``RunningNode``."""
+    """A ``SimulatedEncoderNode``, which has the ``options``, running on a bus; see ``RunningNode``."""
 
-    def __init__(
-        self,
-        bus: can.BusABC | CanPort,
-        node_id: int,
-        *,
-        device: EncoderDevice = ROTARY,
-        motions: Sequence[Motion] = (),
-        serial_number: int = 1,
-        operating_time: int | None = 0,
-        loop: Loop | None = None,
-    ) -> None:
-        super().__init__(
-            bus,
-            lambda send: SimulatedEncoderNode(
-                node_id,
-                send,
-                device=device,
-                motions=motions,
-                serial_number=serial_number,
-                operating_time=operating_time,
-            ),
-            loop,
-        )
+    def __init__(self, bus: can.BusABC | CanPort, node_id: int, *, loop: Loop | None = None, **options: Any) -> None:
+        super().__init__(bus, lambda send: SimulatedEncoderNode(node_id, send, **options), loop)
 
     @property
     def model(self) -> EncoderModel:

@@ -1,14 +1,14 @@
-"""The simulated encoder without CANopen, and its faults."""
+"""The simulated encoder without CANopen, and its habits."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import cast
+from random import Random
+from typing import Final, cast
 
 from pdgw.dsp406 import objects
-from pdgw.dsp406.faults import COMMISSIONING_FAULT, ENCODER_FAULTS, SENSOR_DEFECT, EncoderFault
 from pdgw.dsp406.kinds import (
     OPERATING_RESERVED,
     Alarm,
@@ -16,7 +16,6 @@ from pdgw.dsp406.kinds import (
     Dsp406Error,
     EncoderDevice,
     Operating,
-    Warnings,
     area_state,
     cam_active,
     cam_state,
@@ -25,37 +24,47 @@ from pdgw.dsp406.kinds import (
 )
 from pdgw.durations import MS, SECOND
 from pdgw.peers.encoder.motion import Motion, Standstill, still
-from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
-from pdgw.peers.node.misbehaviour import Misbehaviour, catalogue
+from pdgw.peers.habits import HABITS
+from pdgw.peers.node.behaviour import Behaviour, catalogue
+from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS
 
-# Faults of a simulated encoder in addition to those of any CANopen node: causes of alarms, warnings and EMCYs.
+# Behaviours of a simulated encoder in addition to those of any CANopen node.
 #
-# Source: ``dsp406.faults``; each of its causes is a fault of the same name. See ``peers.node.misbehaviour``.
+# Source: CiA DSP 406 V2.0 chapter 6.2; CiA DS 301 (error register 1001h). Which alarm goes with which code is our choice: the
+# profile leaves it to the manufacturer.
 
 
-@dataclass(kw_only=True, eq=False)
-class EncoderMisbehaviour(Misbehaviour):
-    """A cause in the encoder, present until the fault is removed."""
+@dataclass(frozen=True, slots=True)
+class EncoderFault:
+    """Effects of a cause: EMCY error code (0: none), bits of the error register 1001h, alarms and warnings."""
 
-    @property
-    def model(self) -> EncoderModel:
-        """The model of the node's encoder."""
-        return cast("EncoderModel", self.node.image)
+    error_code: int = 0
+    error_register: int = 0
+    alarms: int = 0
+    warnings: int = 0
+
+
+ENCODER_FAULTS: Final = {habit.name: EncoderFault(**habit.fixed) for habit in HABITS.values() if habit.does == "Cause"}
+"""The causes by name."""
+_SENSOR_DEFECT: Final = "sensor-defect"
+"""The cause that only the commissioning diagnostics find."""
+_DIAGNOSIS: Final = "commissioning diagnostics"
+_COMMISSIONING_FAULT: Final = EncoderFault(0x5000, 0x21, Alarm.COMMISSIONING_DIAGNOSTICS)
+"""Result of the diagnostics; not a cause of its own."""
+
+
+class Cause(Behaviour):
+    """A cause of ``ENCODER_FAULTS`` in the encoder, present until the habit ends."""
 
     def begin(self) -> None:
-        self.model.inject(self.name)
+        cast("EncoderModel", self.node.image).inject(self.habit.name)
 
     def end(self) -> None:
-        self.model.clear(self.name)
+        cast("EncoderModel", self.node.image).clear(self.habit.name)
 
 
-def _of(fault: EncoderFault) -> type[EncoderMisbehaviour]:
-    name = "".join(part.title() for part in fault.name.split("-"))
-    return type(name, (EncoderMisbehaviour,), {"name": fault.name, "__doc__": fault.meaning})
-
-
-ENCODER_MISBEHAVIOURS = catalogue(NODE_MISBEHAVIOURS.values(), map(_of, ENCODER_FAULTS.values()))
-"""All faults of a simulated encoder."""
+ENCODER_HABITS: Final = {**NODE_HABITS, **catalogue("encoder", (*NODE_BEHAVIOURS, Cause))}
+"""All habits of a simulated encoder."""
 
 
 # The simulated encoder without CANopen: channels, registers and diagnostics.
@@ -126,6 +135,8 @@ class EncoderModel:
         self.channels = {number: _Channel(motion) for number, motion in enumerate((*motions, *idle), 1)}
         self._stored_offsets = dict.fromkeys(self.channels, 0)
         self._hours = operating_time
+        self.noise = 0
+        """Largest difference of a position from that of the shaft, at random, in steps."""
         self._power_on = -1
         self._time = 0
         self.reset()
@@ -146,7 +157,7 @@ class EncoderModel:
         for number, channel in self.channels.items():
             channel.offset = self._stored_offsets[number]
             channel.active_cams = 0
-        self.faults.pop(COMMISSIONING_FAULT.name, None)
+        self.faults.pop(_DIAGNOSIS, None)
         self._show_faults()
 
     def restore_defaults(self) -> None:
@@ -177,14 +188,14 @@ class EncoderModel:
         fault = ENCODER_FAULTS.get(name)
         if fault is None:
             raise Dsp406Error("encoder fault", name, f"one of {', '.join(ENCODER_FAULTS)}")
-        self._raise(fault)
+        self._raise(name, fault)
 
     def clear(self, name: str | None = None) -> None:
         """Remove a cause, or all of them without a name; no error if it is not present.
 
         Results of the commissioning diagnostics stay until its next run.
         """
-        for cause in set(self.faults) - {COMMISSIONING_FAULT.name} if name is None else [name]:
+        for cause in set(self.faults) - {_DIAGNOSIS} if name is None else [name]:
             self._drop(cause)
 
     def _channel(self, number: int) -> _Channel:
@@ -193,9 +204,9 @@ class EncoderModel:
         except KeyError:
             raise Dsp406Error("encoder channel", number, f"1..{self.device.channels}") from None
 
-    def _raise(self, fault: EncoderFault) -> None:
-        if fault.name not in self.faults:
-            self.faults[fault.name] = fault
+    def _raise(self, name: str, fault: EncoderFault) -> None:
+        if name not in self.faults:
+            self.faults[name] = fault
             self._show_faults()
             if fault.error_code:
                 self.emcy.append((fault.error_code, self.error_register))
@@ -207,7 +218,7 @@ class EncoderModel:
             self.emcy.append((0, 0))
 
     def _show_faults(self) -> None:
-        self.alarms, self.warnings, self.error_register = Alarm(0), Warnings(0), 0
+        self.alarms = self.warnings = self.error_register = 0
         for fault in self.faults.values():
             self.alarms |= fault.alarms
             self.warnings |= fault.warnings
@@ -239,6 +250,8 @@ class EncoderModel:
         for channel in self.channels.values():
             channel.move(self._time)
             physical = math.floor(channel.mechanical * self.device.steps_per_unit)
+            if self.noise:
+                physical += Random(now // SPEED_WINDOW).randint(-self.noise, self.noise)
             if self.device.is_linear:
                 # Outside the scale, the head keeps its last step.
                 channel.out_of_range = not low <= physical <= high
@@ -258,14 +271,14 @@ class EncoderModel:
         if not self.read(objects.OPERATING_PARAMETERS, 0) & Operating.COMMISSIONING_DIAGNOSTICS:
             self._drop_diagnosis()
         elif all(channel.at_standstill for channel in self.channels.values()):
-            if SENSOR_DEFECT in self.faults:
-                self._raise(COMMISSIONING_FAULT)
+            if _SENSOR_DEFECT in self.faults:
+                self._raise(_DIAGNOSIS, _COMMISSIONING_FAULT)
             else:
                 self._drop_diagnosis()
 
     def _drop_diagnosis(self) -> None:
-        if COMMISSIONING_FAULT.name in self.faults:
-            self._drop(COMMISSIONING_FAULT.name)
+        if _DIAGNOSIS in self.faults:
+            self._drop(_DIAGNOSIS)
 
     def _show(self) -> None:
         """Update the image from the states of the channels."""

@@ -22,6 +22,14 @@ class Device:
         self.entries: dict[tuple[int, int], Entry] = {(e.index, e.subindex): e for s in objects for e in s.entries}
         self.indices = {spec.index for spec in objects}
         self.values: dict[tuple[int, int], Value] = {}
+        self.boot_ms = 0
+        """Time without answers after power-on and reset."""
+        self.starts_itself = False
+        """The node enters Operational by itself after its boot-up message."""
+        self.changes_are_events = True
+        """A changed value sends an event-driven TPDO, not its event timer alone."""
+        self.inhibit_ms = 0
+        """Shortest inhibit time of TPDOs."""
 
     # -- services of the node ---------------------------------------------------------------------------------------
 
@@ -31,11 +39,15 @@ class Device:
         return self.state is not NmtState.BOOT_UP
 
     def receive(self, can_id: int, data: bytes, now: int, past: object = None) -> bool:
-        """Process a frame from the bus; ``past`` is the fault that delayed it. False when ``next_event`` has not changed."""
+        """Process a frame from the bus; ``past`` is the behaviour that delayed it. False when ``next_event`` has not changed."""
         raise NotImplementedError
 
     def transmit(self, can_id: int, data: bytes, past: object = None) -> None:
-        """Send a frame on the bus; ``past`` is the fault that delayed it."""
+        """Send a frame on the bus; ``past`` is the behaviour that delayed it."""
+        raise NotImplementedError
+
+    def send_heartbeat(self, past: object = None) -> None:
+        """Send a heartbeat, if the device is a producer of heartbeats."""
         raise NotImplementedError
 
     def send_emcy(self, code: int, register: int, data: bytes = b"") -> None:
@@ -62,7 +74,7 @@ class Device:
 
     def sent_on_change(self, transmission_type: int) -> bool:
         """Whether a changed value is an event of this event-driven transmission type (254 or 255)."""
-        return True
+        return self.changes_are_events
 
     def storable(self, entry: Entry) -> bool:
         """Whether 1010h saves this writable object."""

@@ -18,9 +18,9 @@ from pdgw.ds301.objects import COMMUNICATION_AREA, Access, CanType, Entry, Objec
 from pdgw.ds301.pdo import PDO_PARAMETERS, Pdo, is_communication_parameter
 from pdgw.ds301.sdo_transfer import SdoServer
 from pdgw.durations import MS
+from pdgw.peers.node.behaviour import NONE, Behaviour, Catalogue, HabitValues, make
 from pdgw.peers.node.device import Device, Value
-from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
-from pdgw.peers.node.misbehaviour import Catalogue, Misbehaviour, make
+from pdgw.peers.node.node_behaviours import NODE_HABITS
 from pdgw.peers.node.pdos import NEVER, NodePdos
 
 _HEARTBEAT: Final = (com.PRODUCER_HEARTBEAT, 0)
@@ -43,10 +43,17 @@ def encode(entry: Entry, value: Value) -> bytes:
 class SimulatedNode(Device):
     """One node. It calls ``send(can_id, data)`` to transmit."""
 
-    catalogue: ClassVar[Catalogue] = NODE_MISBEHAVIOURS
-    """The possible faults of this kind of device."""
+    catalogue: ClassVar[Catalogue] = NODE_HABITS
+    """The possible habits of this kind of device."""
 
-    def __init__(self, node_id: int, objects: Sequence[ObjectSpec], image: object, send: SendFunction) -> None:
+    def __init__(
+        self,
+        node_id: int,
+        objects: Sequence[ObjectSpec],
+        image: object,
+        send: SendFunction,
+        habits: HabitValues = NONE,
+    ) -> None:
         super().__init__(node_id, objects, image)
         self.send = send
         self.stored: dict[tuple[int, int], Value] = {}
@@ -54,41 +61,47 @@ class SimulatedNode(Device):
         self._heartbeat_due = 0
         self._consumed: dict[int, tuple[int, int]] = {}
         self._errors: list[int] = []
-        self.misbehaviours: dict[str, Misbehaviour] = {}
-        """The active faults by name. They start when the node is powered."""
+        self.behaviours: dict[str, Behaviour] = {}
+        """The active habits by name. They start when the node is powered."""
         self._powered = False
         self._touched = False
-        self.boot_ns = 0
-        """Time without answers after power-on and reset."""
         self._boot_at = -1
         self._sdo = SdoServer(self)
         self._defaults()
+        self._own = frozenset(habits)
+        for name, values in habits.items():
+            self.start_fault(name, **values)
 
-    # -- misbehaviour -----------------------------------------------------------------------------------------------
+    # -- habits -----------------------------------------------------------------------------------------------------
 
-    def start_fault(self, name: str, /, **values: object) -> Misbehaviour:
-        """Activate a fault of its catalogue; an active one is replaced. CanopenError for a wrong name or value."""
-        fault = make(self.catalogue, name, values)
+    def start_fault(self, name: str, /, **values: object) -> Behaviour:
+        """Activate a habit of its catalogue; an active one is replaced. CanopenError for a wrong name or value."""
+        behaviour = make(self.catalogue, name, values)
         self.end_fault(name)
-        fault.node = self
-        self.misbehaviours[name] = fault
+        behaviour.node = self
+        self.behaviours[name] = behaviour
         self.touch()
         if self._powered:
-            fault.begin()
-        return fault
+            behaviour.begin()
+        return behaviour
 
     def end_fault(self, name: str | None = None) -> None:
-        """End a fault, or all of them without a name; no error if it is not active."""
-        for item in list(self.misbehaviours) if name is None else [name]:
-            fault = self.misbehaviours.pop(item, None)
+        """End a habit, or without a name all of them except its own; no error if it is not active."""
+        for item in self.faults if name is None else [name]:
+            behaviour = self.behaviours.pop(item, None)
             self.touch()
-            if fault is not None and self._powered:
-                fault.end()
+            if behaviour is not None and self._powered:
+                behaviour.end()
 
-    def _faults_after(self, past: object) -> list[Misbehaviour]:
-        """The faults that a frame still has to pass; ``past`` has already passed it."""
-        faults = list(self.misbehaviours.values())
-        return faults[next((place for place, fault in enumerate(faults, 1) if fault is past), 0) :]
+    @property
+    def faults(self) -> list[str]:
+        """The names of the active habits, without those that it was made with."""
+        return [name for name in self.behaviours if name not in self._own]
+
+    def _behaviours_after(self, past: object) -> list[Behaviour]:
+        """The behaviours that a frame still has to pass; ``past`` has already passed it."""
+        behaviours = list(self.behaviours.values())
+        return behaviours[next((place for place, item in enumerate(behaviours, 1) if item is past), 0) :]
 
     # -- edge -------------------------------------------------------------------------------------------------------
 
@@ -98,14 +111,14 @@ class SimulatedNode(Device):
         self.touch()
         if not self._powered:
             self._powered = True
-            for fault in self.misbehaviours.values():
-                fault.begin()
+            for behaviour in self.behaviours.values():
+                behaviour.begin()
         self._boot()
 
     def receive(self, can_id: int, data: bytes, now: int, past: object = None) -> bool:
-        """Process a frame from the bus; ``past`` is the fault that delayed it. False when ``next_event`` has not changed."""
+        """Process a frame from the bus; ``past`` is the behaviour that delayed it. False when ``next_event`` has not changed."""
         self.now = now
-        if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._faults_after(past)):
+        if self.behaviours and not all(item.incoming(can_id, data) for item in self._behaviours_after(past)):
             return True
         if can_id in self.pdos.received:
             if self.state is _OPERATIONAL:
@@ -127,7 +140,7 @@ class SimulatedNode(Device):
         elif can_id in self._consumed:
             self._consumed[can_id] = (self._consumed[can_id][0], now)
         else:
-            return self.on_foreign_frame(can_id, data) or bool(self.misbehaviours)
+            return self.on_foreign_frame(can_id, data) or bool(self.behaviours)
         return True
 
     def receive_remote(self, can_id: int, now: int) -> None:
@@ -141,9 +154,9 @@ class SimulatedNode(Device):
     def poll(self, now: int) -> None:
         """Update device, heartbeats and event-driven PDOs to the present time."""
         self.now = now
-        if self.misbehaviours:
-            for fault in list(self.misbehaviours.values()):
-                fault.poll(now)
+        if self.behaviours:
+            for behaviour in list(self.behaviours.values()):
+                behaviour.poll(now)
         if 0 <= self._boot_at <= now:
             self._boot()
         if self.state is _BOOT_UP:
@@ -155,7 +168,7 @@ class SimulatedNode(Device):
         period = int(self.values.get(_HEARTBEAT, 0)) * MS
         if period and now >= self._heartbeat_due:
             self._heartbeat_due = now + period
-            self.transmit(ERROR_CONTROL + self.node_id, bytes([self.state]))
+            self.send_heartbeat()
         for can_id, (limit, seen) in self._consumed.items():
             if seen >= 0 and now - seen > limit:
                 self._consumed[can_id] = (limit, -1)
@@ -175,8 +188,8 @@ class SimulatedNode(Device):
         A past time means at once. None: only after a frame or a command. Earlier polls have no effect.
         """
         soonest = NEVER
-        for fault in self.misbehaviours.values():
-            planned = fault.next_event(now)
+        for behaviour in self.behaviours.values():
+            planned = behaviour.next_event(now)
             if planned is not None and planned < soonest:
                 soonest = planned
         if self.state is not _BOOT_UP:
@@ -209,9 +222,14 @@ class SimulatedNode(Device):
         self._boot()
 
     def transmit(self, can_id: int, data: bytes, past: object = None) -> None:
-        """Send a frame on the bus; ``past`` is the fault that delayed it."""
-        if not self.misbehaviours or all(fault.outgoing(can_id, data) for fault in self._faults_after(past)):
+        """Send a frame on the bus; ``past`` is the behaviour that delayed it."""
+        if not self.behaviours or all(item.outgoing(can_id, data) for item in self._behaviours_after(past)):
             self.send(can_id, data)
+
+    def send_heartbeat(self, past: object = None) -> None:
+        """Send a heartbeat, if the device is a producer of heartbeats."""
+        if self.running and self.values.get(_HEARTBEAT, 0):
+            self.transmit(ERROR_CONTROL + self.node_id, bytes([self.state]), past)
 
     def pdo(self, can_id: int) -> Pdo | None:
         """The present mapping of a PDO of either direction by its identifier; None without one."""
@@ -266,8 +284,8 @@ class SimulatedNode(Device):
         if check_readable and entry.access is Access.WO:
             raise SdoAbortedError(Abort.WRITE_ONLY)
         data = encode(entry, self.read(index, subindex))
-        for fault in self.misbehaviours.values():
-            data = fault.reading(entry, data)
+        for behaviour in self.behaviours.values():
+            data = behaviour.reading(entry, data)
         return data
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
@@ -275,8 +293,8 @@ class SimulatedNode(Device):
         entry = self.entry(index, subindex)
         if check_writable and entry.access not in {Access.RW, Access.WO}:
             raise SdoAbortedError(Abort.READ_ONLY)
-        for fault in self.misbehaviours.values():
-            fault.writing(entry, data)
+        for behaviour in self.behaviours.values():
+            data = behaviour.writing(entry, data)
         self.write(entry, self._decode(entry, data))
 
     def write(self, entry: Entry, value: Value) -> None:
@@ -344,15 +362,17 @@ class SimulatedNode(Device):
     # -- NMT ----------------------------------------------------------------------------------------------------------
 
     def _boot(self) -> None:
-        if self.boot_ns and self._boot_at < 0:
+        if self.boot_ms and self._boot_at < 0:
             self.state = NmtState.BOOT_UP
-            self._boot_at = self.now + self.boot_ns
+            self._boot_at = self.now + self.boot_ms * MS
             return
         self._boot_at = -1
         self.state = NmtState.PRE_OPERATIONAL
         self._heartbeat_due = self.now
         self.transmit(ERROR_CONTROL + self.node_id, bytes([NmtState.BOOT_UP]))
         self.on_nmt(self.state)
+        if self.starts_itself:
+            self._nmt(NmtCommand.START)
 
     def _nmt(self, command: int) -> None:
         targets = {

@@ -183,7 +183,7 @@ class NodePdos:
                 self.received[identifier] = pdo
                 self._types[identifier] = int(self.node.values[index, 2])
             else:
-                inhibit = int(self.node.values.get((index, 3), 0)) * 100_000
+                inhibit = max(int(self.node.values.get((index, 3), 0)) * 100_000, self.node.inhibit_ms * MS)
                 event = self.node.event_timer(index) * MS
                 tpdo = _Tpdo(pdo, int(cob_id), int(self.node.values[index, 2]), inhibit, event)
                 if (previous := old.get((identifier, pdo.attributes))) is not None:

@@ -22,7 +22,7 @@ from pdgw.peers.drive import ENGEL, SHAPES
 from pdgw.peers.drive.model.latency import LATENCY_MAX_MS
 from pdgw.peers.drive.model.shapes import ENDLESS, SYNCHRONOUS, Shape
 from pdgw.peers.encoder.motion import parse_motion, still
-from pdgw.peers.node.misbehaviour import make
+from pdgw.peers.node.behaviour import make, parse
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, encoder_device
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
@@ -215,12 +215,11 @@ name = "battery"
 
 
 def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfig]:
-    """The devices of one bus, drives first, because they turn the encoders. GatewayError for an impossible motion."""
+    """The devices of one bus, drives first, because they turn the encoders. GatewayError for an impossible motion or habit."""
     devices = [
-        DeviceConfig(
-            type="drive",
-            node_id=axis.node_id,
-            serial_number=axis.do_id,
+        _device(
+            "drive",
+            axis,
             axis=_axis_of(axis),
             like=_kind_of(axis).name,
             # Tolerate at least as many missing SYNCs as the watchdog of the gateway tolerates frames.
@@ -232,6 +231,20 @@ def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfi
         if axis.simulate and config.bus_of(axis).name == bus.name
     ]
     return devices + [_encoder(items) for items in config.encoders_of(bus).values() if items[0].simulate]
+
+
+def _device(kind: str, item: AxisConfig | EncoderConfig, **options: object) -> DeviceConfig:
+    """The simulated device of a drive object, with the habits in its key ``simulate``."""
+    table = f"[[{'axis' if kind == 'drive' else kind}]] do_id = {item.do_id}"
+    habits = item.simulate if isinstance(item.simulate, tuple) else ()
+    try:
+        faults = [{"name": name, **values} for name, values in map(parse, habits)]
+        keys = {"type": kind, "node_id": item.node_id, "serial_number": item.do_id, "fault": faults, **options}
+        return DeviceConfig.model_validate(keys)
+    except CanopenError as error:
+        raise GatewayError(f"{table}: {error}") from error
+    except ValidationError as error:
+        raise GatewayError(f"{table}: {problems(error, DeviceConfig)[0].line}") from error
 
 
 def _kind_of(axis: AxisConfig) -> Shape:
@@ -255,17 +268,9 @@ def _encoder(items: Sequence[EncoderConfig]) -> DeviceConfig:
     """One device with all its channels; unused channels are at standstill."""
     last = max(items, key=lambda item: item.channel)
     motions = {item.channel: item.motion for item in items}
-    try:
-        return DeviceConfig(
-            type="encoder",
-            node_id=last.node_id,
-            serial_number=items[0].do_id,
-            model=last.device.name,
-            channels=last.device.channels,
-            motion=tuple(motions.get(number, "still") for number in range(1, last.channel + 1)),
-        )
-    except ValidationError as error:
-        raise GatewayError(f"[[encoder]] do_id = {items[0].do_id}: {problems(error, DeviceConfig)[0].line}") from error
+    channels = last.device.channels
+    motion = tuple(motions.get(number, "still") for number in range(1, last.channel + 1))
+    return _device("encoder", items[0], model=last.device.name, channels=channels, motion=motion)
 
 
 def add_device(simulation: Simulation, device: DeviceConfig, bus: can.BusABC | CanPort) -> None:
@@ -277,6 +282,6 @@ def add_device(simulation: Simulation, device: DeviceConfig, bus: can.BusABC | C
 
 
 def bus_file(bus: CanConfig, devices: Sequence[DeviceConfig]) -> str:
-    """The file for ``pdgw sim bus``: the devices without faults, on this bus."""
-    tables = [device.model_dump(mode="json", exclude_none=True, exclude={"fault"}) for device in devices]
+    """The file for ``pdgw sim bus``: the devices on this bus."""
+    tables = [device.model_dump(mode="json", exclude_none=True) for device in devices]
     return toml_text({"can": bus.model_dump(exclude_none=True, exclude={"name"}), "device": tables})

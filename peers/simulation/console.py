@@ -20,6 +20,7 @@ from pdgw.ds301.bus.port import open_bus
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.objects import DRIVE_FAULTS
+from pdgw.peers.node.behaviour import parse
 from pdgw.peers.option_values import CONSOLE_COMMANDS
 from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.devices import Simulation
@@ -73,8 +74,8 @@ class Console:
                     raise CanopenError("fault number", int(number), f"one of {list(DRIVE_FAULTS)}")
                 simulation.start_fault(node, "drive-fault", {"number": int(number)})
                 return f"ok: fault {number}, {DRIVE_FAULTS[int(number)].name}"
-            case ["fault", name, *pairs]:
-                fault = simulation.start_fault(node, name, dict(_pair(pair) for pair in pairs))
+            case ["fault", name, *_]:
+                fault = simulation.start_fault(node, *parse(" ".join(words[1:])))
                 chosen = "".join(f" {key}={value}" for key, value in fault.values.items())
                 return f"ok: {name}{chosen}"
             case ["clear"]:
@@ -103,16 +104,8 @@ class Console:
         parts = [f"node {node}: {status.get('state', status['type'])}", f"NMT {status['nmt']}"]
         parts += [f"{key} {status[key]}" for key in status if key not in {"node_id", "type", "state", "nmt", "faults"}]
         if status["faults"]:
-            parts.append("misbehaves: " + " ".join(self._simulation.device(node).node.misbehaviours))
+            parts.append("misbehaves: " + " ".join(self._simulation.device(node).node.faults))
         return ", ".join(parts)
-
-
-def _pair(text: str) -> tuple[str, int]:
-    key, _, value = text.partition("=")
-    try:
-        return key, int(value, 0)
-    except ValueError:
-        raise CanopenError("parameter", text, "name=number, for example delay_ms=100 or bits=0x0004") from None
 
 
 class PatientServer(socketserver.ThreadingTCPServer):

@@ -21,7 +21,7 @@ from pdgw.peers.bus import LoopbackBus
 from pdgw.peers.drive import ENGEL, MACHINES, Latency, SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, parse_motion
-from pdgw.peers.node.misbehaviour import Misbehaviour
+from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode
 
 
@@ -226,9 +226,9 @@ class Simulation:
             raise CanopenError("node", node_id, "a drive, with probes")
         device.set_probe(probe, on)
 
-    def start_fault(self, node_id: int, name: str, values: Mapping[str, object]) -> Misbehaviour:
+    def start_fault(self, node_id: int, name: str, values: Mapping[str, object]) -> Behaviour:
         """Activate a fault of the device's catalogue."""
-        made: list[Misbehaviour] = []
+        made: list[Behaviour] = []
         self.device(node_id).do(lambda node: made.append(node.start_fault(name, **values)))
         return made[0]
 
@@ -248,7 +248,7 @@ class Simulation:
         def ask(node: SimulatedNode) -> None:
             status["nmt"] = node.state.name
             status.update(DEVICE_TYPES[kind].status(node))
-            status["faults"] = {name: fault.values for name, fault in node.misbehaviours.items()}
+            status["faults"] = {name: node.behaviours[name].values for name in node.faults}
 
         device.do(ask)
         return status

@@ -12,6 +12,7 @@ from pdgw.dsp402.states import State, state_of
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import DriveModel, SimulatedDrive
 from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
@@ -57,8 +58,12 @@ class Rig:
         self.device = device
         self.sent: list[str] = []
         """Controlwords and NMT commands since the last ``clear``, without repetitions."""
-        self.watchers: list[Callable[[], None]] = [FaultDisplay(daemon, self.subject)]
+        self.watchers: list[Callable[[], None]] = [self._look_for_reports, FaultDisplay(daemon, self.subject)]
         """Functions called after each cycle."""
+        self.begun = 0
+        """When the habit started."""
+        self.reported: dict[int, int] = {}
+        """When a fault number was reported first since then."""
         self.world.bus(str(daemon.config.can[0].channel)).taps.append(self._tap)
         print(config_text(daemon.config))
 
@@ -70,8 +75,14 @@ class Rig:
             self.start_fault(case.fault, case.values)
         self.device.start()
 
+    def _look_for_reports(self) -> None:
+        for record in self.subject.faults:
+            self.reported.setdefault(record.number, self.loop.now())
+
     def start_fault(self, name: str, values: dict[str, int]) -> None:
-        """Start a fault."""
+        """Start a habit."""
+        self.begun = self.loop.now()
+        self.reported.clear()
         self.device.do(lambda node: node.start_fault(name, **values))
 
     def end_fault(self, *, restart: bool = False) -> None:
@@ -141,6 +152,10 @@ class Rig:
         """During the fault: its number and its commands, and no loss of a device that answers."""
         if case.numbers:
             self.until(lambda: self.has_reported(case.numbers), f"fault {case.numbers}")
+            texts = [record.text for record in self.subject.faults if record.number in case.numbers]
+            assert any(case.says in text for text in texts), texts
+            took = min(self.reported[number] for number in case.numbers if number in self.reported) - self.begun
+            assert took <= case.within_ms * MS, f"reported after {took / MS} ms"
         assert LOSSES.intersection(case.numbers) or not LOSSES.intersection(self.numbers), "the device was lost"
         print(f"sent: {', '.join(self.sent)}; reported: {self.numbers}; reason: {self.reason}")
         sent = iter(self.sent)
@@ -217,7 +232,7 @@ class DriveRig(Rig):
         self.off()
         self.run_out()
         for _ in range(3):
-            if self.state is State.FAULT:
+            if self.state is State.FAULT or FaultNumber.VELOCITY in self.numbers:
                 self.command(self.plc.endpoint.setpoints[0][self.word] | _FAULT_RESET)
                 self.run_out()
                 self.off()

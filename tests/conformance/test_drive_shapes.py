@@ -12,8 +12,9 @@ import pytest
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.durations import SECOND
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.peers.drive import SHAPES, Latency, shape
+from pdgw.peers.drive import SHAPES, shape
 from tests.conformance.rig import COMPLETE, DriveRig, drive
+from tests.support.drives.latency import draw_latency
 from tests.support.gateways.daemon import axis, configuration, running, world_of
 
 TELEGRAMS = (1, 3, 9, 100)
@@ -47,7 +48,7 @@ DRIVEN = (
 @pytest.mark.parametrize(("name", "number"), DRIVEN)
 def test_drive_of_each_shape_moves_as_commanded_or_is_rejected(name: str, number: int, seed: int) -> None:
     with running(configuration(axis(1, telegram_number=number, more="")), seed=seed) as daemon:
-        latency = Latency.draw(world_of(daemon).chance(f"{name} {number}"))
+        latency = draw_latency(world_of(daemon).chance(f"{name} {number}"))
         print(latency)
         rig = DriveRig(daemon, drive(daemon, shape=shape(name), latency=latency))
         rig.device.start()

@@ -456,7 +456,7 @@ def test_sync_counter_of_a_drive_is_switched_off_with_period_0(plant: Plant, per
 
 
 def test_sync_counter_that_a_drive_keeps_is_named(plant: Plant) -> None:
-    _count_sync(plant, 4000, fixed=1)
+    _count_sync(plant, 4000, read_only=1)
     text = plant.refused()
     assert "1019h/0 := 0h" in text
     assert "attempt to write a read-only object" in text

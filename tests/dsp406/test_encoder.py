@@ -113,7 +113,7 @@ def test_sync_counter_of_an_encoder_is_switched_off(plant: Plant) -> None:
 
 
 def test_sync_counter_that_an_encoder_keeps_is_named(plant: Plant) -> None:
-    _with(plant, "sync-counter", fixed=1)
+    _with(plant, "sync-counter", read_only=1)
     client = plant.connect(sync=True)
     site.wait_for(lambda: client.status is NodeStatus.REFUSED, "refusal")
     assert "1019h/0 := 0h" in client.status_text

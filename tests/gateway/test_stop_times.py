@@ -16,7 +16,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
-from pdgw.peers.node.misbehaviour import Misbehaviour
+from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import Value
 from tests.support.axis.limit_cycle import TRANSPARENT, search
 from tests.support.documents.parts import read_part
@@ -100,7 +100,7 @@ def _written(daemon: Daemon) -> list[tuple[int, int]]:
 
 
 @dataclass(kw_only=True, eq=False)
-class _LostSdo(Misbehaviour):
+class _LostSdo(Behaviour):
     """Single SDO frames are lost: those of these numbers, from 0."""
 
     name = "lost-sdo"
@@ -129,7 +129,7 @@ def test_a_lost_sdo_frame_delays_the_stop_by_a_tenth_of_the_time_for_an_answer(l
 
         def plant(node: SimulatedDriveNode) -> None:
             fault.node = node
-            node.misbehaviours[fault.name] = fault
+            node.behaviours[fault.name] = fault
 
         drive.do(lambda node: node.start_fault("lost-pdos", every=1))
         client = daemon.axes[0].drive

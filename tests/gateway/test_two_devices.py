@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from itertools import cycle, repeat
 
 import pytest
@@ -14,7 +13,7 @@ from pdgw.ds301.node.node import NodeStatus
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.peers.node.misbehaviour import Misbehaviour
+from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode
 from pdgw.peers.world import Member
 from tests.support.gateways.daemon import (
@@ -38,13 +37,11 @@ EXAMINED_NS = SECOND
 PERIOD_NS = 100 * MS
 
 
-@dataclass(kw_only=True, eq=False)
-class _Heartbeats(Misbehaviour):
+class _Heartbeats(Behaviour):
     """The heartbeats of the device come after these gaps, in milliseconds."""
 
-    name = "heartbeats"
     gaps: Iterator[int]
-    _due: int = field(init=False, default=0)
+    _due = 0
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
         return can_id != ERROR_CONTROL + self.node.node_id or data[0] == NmtState.BOOT_UP
@@ -79,7 +76,7 @@ def _plant(gaps: Iterator[int]) -> Callable[[SimulatedNode], None]:
     def plant(node: SimulatedNode) -> None:
         fault = _Heartbeats(gaps=gaps)
         fault.node = node
-        node.misbehaviours[fault.name] = fault
+        node.behaviours["heartbeats"] = fault
         node.touch()
 
     return plant

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.long.documents import package_picture
+from tests.long.documents import habits, package_picture
 from tests.long.documents.commands import COMMANDS_PATH, generate_commands
 from tests.long.documents.tables import PATH, generate
 from tests.support.documents.parts import read_part
@@ -17,6 +17,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 def test_docs_tables_are_up_to_date() -> None:
     assert (DOCS / PATH.name).read_text(encoding="utf-8") == generate(), "run: make docs"
     assert read_part(*package_picture.PLACE) == package_picture.generate(), "run: make docs"
+    assert read_part(*habits.PLACE) == habits.generate(), "run: make docs"
 
 
 def test_table_of_the_commands_is_up_to_date() -> None:

@@ -19,8 +19,8 @@ from pdgw.peers.drive import Machine, SimulatedDriveNode
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
-from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
+from pdgw.peers.node.node_behaviours import NODE_HABITS
 from tests.support.axis.mapping import pdo_steps
 from tests.support.axis.strategies import latencies
 
@@ -140,7 +140,7 @@ others = st.one_of(
     st.just(frame(0x80, b"")),
     st.just(write(0x60FF, 0, struct.pack("<i", 4000))),
     st.just(write(0x1017, 0, struct.pack("<H", 40))),
-    st.sampled_from(sorted(NODE_MISBEHAVIOURS)).map(lambda name: lambda node: node.start_fault(name) and None),
+    st.sampled_from(sorted(NODE_HABITS)).map(lambda name: lambda node: node.start_fault(name) and None),
     st.just(lambda node: node.end_fault()),
 )
 device_events = st.lists(st.tuples(moments, others).map(lambda event: [event]), max_size=8)

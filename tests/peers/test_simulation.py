@@ -20,13 +20,14 @@ from typing import cast
 import pytest
 
 from pdgw.ds301.aborts import CanopenError
-from pdgw.durations import MS, SECOND
+from pdgw.durations import SECOND
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, ServedBus
-from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
+from pdgw.peers.drive.drive_behaviours import DRIVE_HABITS
+from pdgw.peers.node.node_behaviours import NODE_HABITS
 from pdgw.peers.simulation import console as console_module
-from pdgw.peers.simulation.config import ControlConfig, example, load_bus, parse_bus
+from pdgw.peers.simulation.config import ControlConfig, bus_file, example, load_bus, parse_bus, simulated_devices
 from pdgw.peers.simulation.console import Console, PatientServer, serve
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation
 from pdgw.peers.world import World
@@ -34,6 +35,7 @@ from tests.peers.test_bus import serial_number_over
 from tests.support import buses
 from tests.support.buses import PATIENCE_S
 from tests.support.cli import pdgw
+from tests.support.gateways.daemon import axis, configuration
 from tests.support.processes import free_tcp_port, running, wait_for_text
 
 CAN = '[can]\ninterface = "virtual"\nchannel = "x"\n'
@@ -121,7 +123,7 @@ def test_faults_of_the_file_are_in_force_from_the_boot_up_message_on() -> None:
 
 
 @pytest.mark.parametrize("kind", DEVICE_TYPES)
-@pytest.mark.parametrize("name", NODE_MISBEHAVIOURS)
+@pytest.mark.parametrize("name", NODE_HABITS)
 def test_every_kind_of_device_has_the_faults_of_a_node(kind: str, name: str) -> None:
     """By this the encoder gets them with its entry in DEVICE_TYPES."""
     world = World()
@@ -132,9 +134,51 @@ def test_every_kind_of_device_has_the_faults_of_a_node(kind: str, name: str) -> 
     device = simulation.device(3)
     assert list(simulation.status(3)["faults"]) == [name]  # type: ignore[call-overload]
     simulation.end_fault(3)
-    world.loop.run_for(100 * MS)
+    world.loop.run_for(SECOND)
     assert device.node.running
     simulation.stop()
+
+
+def _gateway(simulate: str) -> GatewayConfig:
+    return configuration(axis(7, more=f"simulate = {simulate}"))
+
+
+def test_configuration_of_a_gateway_gives_its_simulated_drive_habits(tmp_path: Path) -> None:
+    config = _gateway('["slow-sdo delay_ms=30", "sdo-segmented"]')
+    world = World()
+    world.simulate(config)
+    node = world.simulations["can"].device(7).node
+    assert {name: item.values for name, item in node.behaviours.items()} == {
+        "slow-sdo": {"delay_ms": 30},
+        "sdo-segmented": {},
+    }
+    (device,) = parse_bus(bus_file(config.can[0], simulated_devices(config, config.can[0]))).device
+    assert [(fault.name, fault.values) for fault in device.fault] == [
+        ("slow-sdo", {"delay_ms": 30}),
+        ("sdo-segmented", {}),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("habit", "message"),
+    [
+        ("slow", r"\[\[axis\]\] do_id = 7: .*'slow' .* slow-sdo"),
+        ("slow-sdo delay_ms=0", "slow-sdo delay_ms: 0 .*1 ms to 10000 ms"),
+        ("slow-sdo delay_ms", r"\[\[axis\]\] do_id = 7: .*name=number"),
+    ],
+)
+def test_wrong_habit_in_the_configuration_of_a_gateway_is_named(habit: str, message: str) -> None:
+    with pytest.raises(GatewayError, match=message):
+        World().simulate(_gateway(f'["{habit}"]'))
+
+
+def test_clear_ends_no_habit_that_a_device_was_made_with() -> None:
+    world = World()
+    drive = world.drive("a", 3, habits={"sdo-segmented": {}})
+    drive.do(lambda node: node.start_fault("slow-sdo"))
+    assert drive.node.faults == ["slow-sdo"]
+    drive.do(lambda node: node.end_fault())
+    assert list(drive.node.behaviours) == ["sdo-segmented"]
 
 
 # -- console --------------------------------------------------------------------------------------------------------------
@@ -149,7 +193,7 @@ def test_the_console_sets_and_removes_faults_with_parameters(simulation: Simulat
     assert "misbehaves" not in console.execute("@4 status")
     assert console.execute("clear bouncing-status") == "ok"
     assert "misbehaves" not in console.execute("status")
-    assert console.execute("@4 faults") == "node 4: " + ", ".join(DRIVE_MISBEHAVIOURS)
+    assert console.execute("@4 faults") == "node 4: " + ", ".join(DRIVE_HABITS)
 
 
 @pytest.mark.parametrize(
@@ -173,10 +217,10 @@ def test_numbered_faults_are_faults_of_the_catalogue(simulation: Simulation) -> 
     console = Console(simulation, threading.Event())
     for line in ("@3 fault 7", "@3 fault enable-input-dropped"):
         assert console.execute(line).startswith("ok")
-    assert set(simulation.device(3).node.misbehaviours) == {"drive-fault", "enable-input-dropped"}
+    assert set(simulation.device(3).node.behaviours) == {"drive-fault", "enable-input-dropped"}
     assert console.execute("@3 clear enable-input-dropped") == "ok"
     assert console.execute("@3 clear") == "ok"
-    assert not simulation.device(3).node.misbehaviours
+    assert not simulation.device(3).node.behaviours
 
 
 def test_a_port_in_use_is_named(simulation: Simulation) -> None:

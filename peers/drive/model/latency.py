@@ -7,19 +7,17 @@ V2.0 sets no limit.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, fields
-from random import Random
+from dataclasses import dataclass
 from typing import Final
 
-from pdgw.ds301.aborts import CanopenError
 from pdgw.durations import MS
 
 LATENCY_MAX_MS: Final = 100
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Latency:
-    """Latency of a drive in each direction, 0 to 100 ms; CanopenError for another value.
+    """Latency of a drive in each direction, usually 0 to 100 ms.
 
     ``command_ms``: from the reception of an RPDO until its values apply. ``status_ms``: from a change of the drive until the
     Statusword shows it; positions and speeds are up to date.
@@ -27,21 +25,6 @@ class Latency:
 
     command_ms: int = 0
     status_ms: int = 0
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not 0 <= value <= LATENCY_MAX_MS:
-                raise CanopenError(f"latency {item.name}", value, f"0 ms to {LATENCY_MAX_MS} ms")
-
-    @classmethod
-    def draw(cls, chance: Random) -> Latency:
-        """Draw both directions at random: no latency in one of four, else log-uniform up to 100 ms."""
-
-        def direction() -> int:
-            return 0 if chance.random() < 0.25 else round(LATENCY_MAX_MS ** chance.random())
-
-        return cls(direction(), direction())
 
 
 NO_LATENCY: Final = Latency()

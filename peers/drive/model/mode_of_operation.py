@@ -103,16 +103,26 @@ class Ramp:
         self.speed = 0.0
         self._from = self.target = 0.0
         self._elapsed = self._time = 0.0
+        self._ticks = 0
+        """Length of the present ramp, if it has a limited jerk."""
+        self._slowing = False
 
     def set(self, speed: float) -> None:
         """Set a speed without a ramp (coasting, mechanical stop)."""
         self.speed = self._from = self.target = speed
         self._time = 0.0
 
-    def linear(self, target: float, acceleration: float, deceleration: float) -> float:
-        """One tick towards ``target``, in rpm/s. Uses ``deceleration`` to slow down, also to zero before a reversal."""
+    def linear(self, target: float, acceleration: float, deceleration: float, jerk_ms: int = 0) -> float:
+        """One tick towards ``target``, in rpm/s. Uses ``deceleration`` to slow down, also to zero before a reversal.
+
+        ``jerk_ms``: time until the ramp has its full rate.
+        """
         slowing = self.speed != 0.0 and (abs(target) < abs(self.speed) or target * self.speed < 0)
         step = (deceleration if slowing else acceleration) * TICK
+        if jerk_ms:
+            same = slowing is self._slowing and self.speed != target
+            self._slowing, self._ticks = slowing, self._ticks + 1 if same else 1
+            step *= min(1.0, self._ticks / jerk_ms)
         if slowing and target * self.speed < 0 and abs(self.speed) < step:
             self.speed = 0.0
         elif abs(target - self.speed) <= step + 1e-9:

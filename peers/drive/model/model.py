@@ -33,7 +33,7 @@ from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 from pdgw.durations import MS, SECOND, US
-from pdgw.peers.drive.model.latency import NO_LATENCY, DelayLine
+from pdgw.peers.drive.model.latency import DelayLine, Latency
 from pdgw.peers.drive.model.mode_of_operation import (
     COAST_DECELERATION,
     SECOND_ENCODER_STEPS,
@@ -50,6 +50,8 @@ DI1: Final = 1 << 16
 _LIMITS: Final = NEGATIVE_LIMIT | POSITIVE_LIMIT
 _INT32_MAX: Final = (1 << 31) - 1
 _RAMPED_STATES: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+_ENDS_BY_ITSELF: Final = (State.NOT_READY_TO_SWITCH_ON, State.QUICK_STOP_ACTIVE)
+"""The drive leaves them without a command."""
 _QUICK_RAMPS: Final = (2, 6)
 _STAYS_STOPPED: Final = 5
 """605Ah from this value on: the drive stays in Quick Stop Active."""
@@ -87,11 +89,21 @@ class DriveModel:
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
         """Functions that falsify the image; called with the model's time after each of its updates."""
-        self.latency = NO_LATENCY
+        self.latency = Latency()
         self.stop_ramp = True
         """The quick stop brakes. If not, the drive turns until the connection is lost, then its power is off."""
         self.stops_in_pre_operational = True
         """NMT pre-operational counts as a lost connection."""
+        self.transition_ms: dict[tuple[State, State], int] = {}
+        """Time from a command, or from standstill, until the drive changes from one state to another."""
+        self.opening_ms = 0
+        """Time from the start of operation until the drive moves."""
+        self.jerk_ms = 0
+        """Time until a ramp of a speed has its full rate."""
+        self.fault_reset_edges = 1
+        """Number of rising edges of Controlword 7 that reset a fault."""
+        self.starts_in_fault = False
+        self.wraps = shape.wraps
         self.watchers: list[Callable[[State], None]] = []
         """Functions called with each new state."""
         self.started = 0
@@ -124,6 +136,12 @@ class DriveModel:
         self._state_bits = 0
         """Bits of the state that was shown last."""
         self._late_status = DelayLine()
+        self._next_state: State | None = None
+        """The state to which the drive is on its way,"""
+        self._waited = 0
+        """and the ticks at standstill since then."""
+        self._closed_ticks = 0
+        """Ticks until the drive moves."""
         self._without_sync = 0
         """Ticks since the last SYNC."""
         self._previous_controlword = 0
@@ -286,7 +304,7 @@ class DriveModel:
         self._select_mode(word)
         if self.state is State.FAULT:
             self._reset_edges += next_state(self.state, word, previous) is not State.FAULT
-            if self._reset_edges >= self.shape.fault_reset_edges and not self.causes:
+            if self._reset_edges >= self.fault_reset_edges and not self.causes:
                 self._reset_edges = 0
                 self.error_code = self.emcy_code = self.error_register = 0
                 self.emcy.append((0, 0))
@@ -296,7 +314,9 @@ class DriveModel:
             if target is State.SWITCHED_ON and self.state is State.READY_TO_SWITCH_ON:
                 self._enter(target)
                 target = next_state(self.state, word, previous)
-            if target is not self.state and not (target is State.OPERATION_ENABLED and not self.digital_inputs & DI1):
+            if target is self.state:
+                self._next_state = self._next_state if self.state in _ENDS_BY_ITSELF else None
+            elif target is not State.OPERATION_ENABLED or self.digital_inputs & DI1:
                 self._enter(target)
         if self.state is State.OPERATION_ENABLED:
             self.motion.command(word, previous)
@@ -319,13 +339,20 @@ class DriveModel:
         self.motion.selected()
 
     def _enter(self, state: State) -> None:
-        powered = self.state in _RAMPED_STATES
+        if state is not self._next_state:
+            self._next_state, self._waited = state, 0
+        powered = self.state is State.OPERATION_ENABLED
+        if self._waited < self.transition_ms.get((self.state, state), 0) and (powered or self.ramp.speed == 0.0):
+            return
+        self._next_state = None
+        ramped = self.state in _RAMPED_STATES
         self.state = state
+        self._closed_ticks = self.opening_ms if state is State.OPERATION_ENABLED else 0
         for watch in self.watchers:
             watch(state)
         if state is not State.OPERATION_ENABLED:
             self.motion.disabled()
-        elif not powered:
+        elif not ramped:
             self.motion.enabled()
         if state is State.QUICK_STOP_ACTIVE and self.read(QUICK_STOP_OPTION, 0) == 0:
             self.state = State.SWITCH_ON_DISABLED
@@ -348,7 +375,7 @@ class DriveModel:
         if self._time < 0:
             self._time = now
             if self.state is State.NOT_READY_TO_SWITCH_ON:
-                self._enter(State.FAULT if self.shape.starts_in_fault else State.SWITCH_ON_DISABLED)
+                self._enter(State.FAULT if self.starts_in_fault else State.SWITCH_ON_DISABLED)
             self._update()
         steps = (now - self._time) // MS
         if steps <= 0:
@@ -412,6 +439,8 @@ class DriveModel:
         speed = self.ramp.speed
         return (
             self.state,
+            self._waited,
+            self._closed_ticks,
             speed,
             self.machine_position if speed == 0.0 else None,
             self.zero,
@@ -434,9 +463,16 @@ class DriveModel:
         return ticks
 
     def _tick(self) -> None:
+        if self._next_state is not None:
+            self._waited += self.ramp.speed == 0.0
+            self._enter(self._next_state)
         state = self.state
         if state is State.OPERATION_ENABLED:
-            if not self._sync_is_lost():
+            if self._next_state is not None:
+                self.slow_down(self.acceleration(self.profile_braking, MAX_DECELERATION))
+            elif self._closed_ticks:
+                self._closed_ticks -= 1
+            elif not self._sync_is_lost():
                 self.motion.move()
         elif state is State.QUICK_STOP_ACTIVE:
             option = self.read(QUICK_STOP_OPTION, 0)
@@ -498,7 +534,7 @@ class DriveModel:
 
     def slow_down(self, deceleration: float) -> bool:
         """One tick of deceleration to standstill (rpm/s); True at standstill."""
-        return self.ramp.linear(0.0, deceleration, deceleration) == 0.0
+        return self.ramp.linear(0.0, deceleration, deceleration, self.jerk_ms) == 0.0
 
     def follow_at_once(self, speed: float) -> None:
         """Change the speed (rpm) without a ramp, within the limits of motor and limit switches."""
@@ -520,7 +556,7 @@ class DriveModel:
         """Position in 6064h."""
         position = round(self.position)
         low = high = 0
-        if self.shape.wraps:
+        if self.wraps:
             low, high = self.read(POSITION_RANGE_LIMIT, 1), self.read(POSITION_RANGE_LIMIT, 2)
         return low + (position - low) % (high - low) if low < high else _wrap32(position)
 
@@ -536,8 +572,7 @@ class DriveModel:
         self.position_actual = self._shown_position()
         self.second_position = _wrap32(round(self.machine_position * SECOND_ENCODER_STEPS))
         self.encoder_position = _wrap16(round(self.machine_position))
-        shown = not self.shape.mode_in_operation_only or self.state is State.OPERATION_ENABLED
-        self.modes_of_operation_display = self.mode if shown else 0
+        self.modes_of_operation_display = self.mode
         self._show_status(units)
 
     def _show_status(self, units: int) -> None:

@@ -158,7 +158,7 @@ class ProfilePosition(ModeOfOperation):
         low, high = drive.read(POSITION_RANGE_LIMIT, 1), drive.read(POSITION_RANGE_LIMIT, 2)
         if low == high == 0:
             return target
-        if drive.shape.wraps:
+        if drive.wraps:
             if word & ControlBit.RELATIVE:
                 return target
             turns = round(drive.position) - drive.position_actual
@@ -272,7 +272,8 @@ class _SpeedMode(ModeOfOperation):
             return
         acceleration = drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION)
         acceleration = min(acceleration, TORQUE_ACCELERATION * self._torque() / 1000)
-        drive.ramp.linear(target, acceleration, drive.acceleration(drive.profile_braking, MAX_DECELERATION))
+        braking = drive.acceleration(drive.profile_braking, MAX_DECELERATION)
+        drive.ramp.linear(target, acceleration, braking, drive.jerk_ms)
 
     def _torque(self) -> int:
         return self.drive.max_torque

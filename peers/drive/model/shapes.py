@@ -80,16 +80,8 @@ class Shape:
     """Its RPDOs have a timeout (1400h/5)."""
     fixed_pdos: tuple[Pdo, ...] = ()
     """Its PDOs, if their mapping cannot be written."""
-    boot_ms: int = 0
-    sdo_ms: int = 0
-    """Delay of each SDO answer in milliseconds."""
-    fault_reset_edges: int = 1
-    """Number of rising edges of Controlword 7 that reset a fault."""
-    starts_in_fault: bool = False
-    mode_in_operation_only: bool = False
-    """6061h is 0 except in operation."""
-    frozen: frozenset[str] = frozenset()
-    """Objects accepted in the mapping of a TPDO but sent as zeros."""
+    habits: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    """What it does from power-on, by the names of ``peers.habits``, with the parameters."""
     wraps: bool = False
     """Its position overflows at the end of 607Bh, whose last value equals the first. Otherwise 607Bh limits the targets."""
     sync_tolerance: int = 3
@@ -185,8 +177,8 @@ def _shape(name: str, keys: dict[str, Any]) -> Shape:
     lacks = frozenset(index for index, _ in _indices(keys.pop("lacks", ())))
     for key in keys.keys() & {"velocity_per_rpm", "acceleration_per_rpm_s"}:
         keys[key] = Fraction(keys[key])
-    for key in keys.keys() & {"modes", "frozen"}:
-        keys[key] = frozenset(keys[key])
+    if "modes" in keys:
+        keys["modes"] = frozenset(keys["modes"])
     if keys.pop("fixed_pdos", False):
         keys["fixed_pdos"] = _PREDEFINED
     product_code = keys.pop("rpm", None)

@@ -33,7 +33,7 @@ def drive_type(*, wraps: bool) -> DriveType:
 
 
 def table(number: int = 111, choices: PositionerChoices = TABLE, *, wraps: bool) -> Rig:
-    shape = replace(ENGEL, wraps=True) if wraps else ENGEL
+    shape = replace(ENGEL, habits={"position-wraps": {}}) if wraps else ENGEL
     rig = Rig(number, ROTARY_AXIS, shape, positioner=choices)
     values = ((0x607B, 1, 0), (0x607B, 2, UNITS if wraps else 0), (0x60C5, 0, 2000), (0x60C6, 0, 2000))
     for index, subindex, value in values:

@@ -1,4 +1,4 @@
-"""Documents generated from the declarations: tables, faults of devices, power table, words of the PLC simulator.
+"""Documents generated from the declarations: tables, habits of devices, power table, words of the PLC simulator.
 
 ``python -m tools.doctables`` (``make docs``) writes the files. A test fails when one is out of date.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 import enum
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
@@ -38,9 +38,6 @@ from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.peers.drive.model.shapes import SHAPES
 from pdgw.peers.drive.objects import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS, OBJECTS
-from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
-from pdgw.peers.node.misbehaviour import Misbehaviour
-from pdgw.peers.simulation.devices import DEVICE_TYPES
 from pdgw.profidrive.datatypes import UNVERIFIED, DataType
 from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SENSOR_STATUS, TRANSITIONS
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
@@ -50,8 +47,7 @@ from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, Tel
 from pdgw.profidrive.words import Bit, Confidence
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
-from tests.conformance.fault_cases import DRIVE_CASES, ENCODER_CASES, Case, Device
-from tests.long.documents import package_picture
+from tests.long.documents import habits, package_picture
 from tests.long.documents.simulator_steps import generate_steps
 from tests.support.documents.parts import table, write_part
 from tests.support.documents.profile_numbers import word_positions
@@ -382,8 +378,6 @@ def generate() -> str:
         ),
         "## Simulated drives\n",
         table(("name", "drive"), ((f"`{name}`", shape.text) for name, shape in SHAPES.items())),
-        "## Faults of simulated devices\n",
-        *_misbehaviours(),
         "## Actions of the PLC simulator\n",
         generate_steps(),
         "## Packages\n",
@@ -445,56 +439,7 @@ def _power_table() -> Sequence[str]:
     )
 
 
-_DEVICES = {"drive": (Device.DRIVE,), "encoder": (Device.ENCODER, Device.SENSOR)}
-"""Possible devices in a case of each device type."""
-
-
-def _faults(title: str, kinds: Iterable[type[Misbehaviour]], types: Sequence[str]) -> str:
-    rows = []
-    for kind in kinds:
-        parameters = "; ".join(
-            f"`{p.name}` = {p.text(p.default)} ({p.text(p.low)} to {p.text(p.high)}): {p.meaning}"
-            for p in kind.parameters()
-        )
-        reactions = [
-            "; ".join(
-                dict.fromkeys(
-                    _reaction(case, kind)
-                    for case in (*DRIVE_CASES, *ENCODER_CASES)
-                    if case.fault == kind.name and case.device in devices
-                )
-            )
-            for devices in map(_DEVICES.__getitem__, types)
-        ]
-        rows.append((f"`{kind.name}`", kind.description(), parameters, *reactions))
-    header = (
-        "fault",
-        "what the device does",
-        "parameters",
-        *(f"what the gateway does with the {name}" for name in types),
-    )
-    return f"### {title}\n\n" + table(header, rows)
-
-
-def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
-    text = {item.name: item.text for item in kind.parameters()}
-    chosen = [f"{key} = {text[key](value)}" for key, value in case.values.items()]
-    chosen += [f"beside `{name}`" for name in case.beside]
-    situation = ", ".join([case.activity.value, *chosen])
-    if case.device is Device.SENSOR:
-        situation = f"as G1 of a drive, {situation}"
-    told = ", ".join(map(str, case.numbers))
-    return f"{situation}: {case.reaction.value}" + (f" (fault {told})" if told else "")
-
-
-def _misbehaviours() -> Iterator[str]:
-    yield _faults("Any CANopen node", NODE_MISBEHAVIOURS.values(), list(_DEVICES))
-    for name, kind in DEVICE_TYPES.items():
-        own = [fault for fault in kind.node.catalogue.values() if fault.name not in NODE_MISBEHAVIOURS]
-        if own:
-            yield _faults(f"Device type `{name}`", own, [name])
-
-
 if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
     write_part(*package_picture.PLACE, package_picture.generate())
+    write_part(*habits.PLACE, habits.generate())

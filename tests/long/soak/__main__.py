@@ -93,7 +93,7 @@ def _runs(options: argparse.Namespace, numbers: Sequence[int], end: int) -> Iter
 
 
 def _report(options: argparse.Namespace, numbers: Sequence[int], run: SoakRun, violation: ViolationError) -> None:
-    print(f"cycle {run.plan.cycle_ms} ms", *map(str, run.plan.axes), *run.trace.lines, sep="\n")
+    print(run.plan, *run.trace.lines, sep="\n")
     now = run.loop.now()
     chosen = f" --telegrams {','.join(map(str, numbers))}" if numbers else ""
     day = f"{'--calm' if options.calm else f'--axes {options.axes}'}{chosen}"

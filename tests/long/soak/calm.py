@@ -84,9 +84,10 @@ def draw_calm(chance: Random, _: int, telegrams: Sequence[int]) -> Plan:
         return Plan(cycle_ms, (), number, direct)
     latency = Latency(*(chance.choice((0, chance.randint(1, LATENCY_MAX_MS))) for _ in range(2)))
     sdo_ms = chance.choice((0, chance.randint(1, SDO_MAX_MS)))
+    habits = {"slow-sdo": {"delay_ms": sdo_ms}} if sdo_ms else {}
     name = chance.choice(calm_shapes(number))
     keys = "" if name in shapes_of(number) else _COUNTS_KEYS if name == "counts" else _RPM_KEYS
-    axis = AxisPlan(number, name, latency, PlcLossReaction.RAMP, ControlLost.STOP, sdo_ms, keys)
+    axis = AxisPlan(number, name, latency, PlcLossReaction.RAMP, ControlLost.STOP, habits, keys)
     return Plan(cycle_ms, (axis,), 0, direct, _MOTION_KEYS)
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, NmtCommand, NmtState
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS
-from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.world import Conditions
+from tests.conformance.fault_cases import DRIVE_CASES
 from tests.support.plc.cycling import CyclingPlc
 
 if TYPE_CHECKING:
@@ -124,6 +124,10 @@ def _power_cycle(_: SoakRun, axis: SoakAxis, __: Random) -> Undo:
     return lambda: axis.drive.do(lambda node: node.restart())
 
 
+_NOT_DRAWN = {"heartbeat-period", "brake-closes", "pre-operational-at-emcy", "enables-itself"}
+"""Habits of a whole life, and one that breaks the rules of a start itself."""
+
+
 def _misbehaves(name: str) -> Disturbance:
     def begin(_: SoakRun, axis: SoakAxis, __: Random) -> Undo:
         axis.drive.do(lambda node: node.start_fault(name))
@@ -151,6 +155,6 @@ DISTURBANCES: tuple[Disturbance, ...] = (
     Disturbance("bus: short circuit", 3, _switch(lambda run, _: run.bus.short)),
     Disturbance(UNPLUGGED, 2, _switch(lambda run, _: partial(run.world.unplug, run.bus.name))),
     Disturbance("drive: power cycle", 3, _power_cycle, drive=True),
-    *(_misbehaves(name) for name in DRIVE_MISBEHAVIOURS),
+    *(_misbehaves(name) for name in dict.fromkeys(case.fault for case in DRIVE_CASES) if name not in _NOT_DRAWN),
 )
 """Drawn by weight."""

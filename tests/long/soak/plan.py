@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from random import Random
 from typing import Final
@@ -20,7 +20,9 @@ from pdgw.gateway.axis.telegrams import (
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.peers.drive import Latency
+from pdgw.peers.node.behaviour import HabitValues
 from pdgw.profidrive.telegrams import Telegram, telegram
+from tests.support.drives.latency import draw_latency
 
 GATEWAY_HOST: Final = "192.168.0.5"
 """Not on loopback, so that the gateway expects late frames."""
@@ -81,6 +83,17 @@ def shapes_of(number: int) -> tuple[str, ...]:
     return (*_OF_THE_FAMILY, *_RPM, *_SPEED_ONLY)
 
 
+def habits_text(habits: HabitValues) -> str:
+    """Habits with their parameters, in the notation of the simulators' console; empty without any."""
+    texts = (" ".join((name, *(f"{key}={value}" for key, value in values.items()))) for name, values in habits.items())
+    return "".join(f", {text}" for text in texts)
+
+
+def habits_ms(habits: HabitValues) -> int:
+    """The times of habits, one after the other."""
+    return sum(value for values in habits.values() for key, value in values.items() if key.endswith("_ms"))
+
+
 @dataclass(frozen=True, slots=True)
 class AxisPlan:
     """An axis and its drive."""
@@ -90,15 +103,20 @@ class AxisPlan:
     latency: Latency
     on_plc_loss: PlcLossReaction
     control_lost: ControlLost
-    sdo_ms: int = 0
-    """Time until the drive answers SDO."""
+    habits: HabitValues = field(default_factory=dict)
+    """What the drive does besides."""
     keys: str = ""
     """Further keys of [[axis]]."""
+
+    @property
+    def late_ms(self) -> int:
+        """Latency of the drive, with all times of its habits."""
+        return self.latency.command_ms + self.latency.status_ms + habits_ms(self.habits)
 
     def __str__(self) -> str:
         return (
             f"telegram {self.telegram}, drive {self.shape}, latency {self.latency.command_ms} and {self.latency.status_ms} ms, "
-            f"SDO {self.sdo_ms} ms, on_plc_loss {self.on_plc_loss.value}, control_lost {self.control_lost.value}"
+            f"on_plc_loss {self.on_plc_loss.value}, control_lost {self.control_lost.value}{habits_text(self.habits)}"
         )
 
 
@@ -114,6 +132,14 @@ class Plan:
     """No frame of the PLC is late."""
     motion_keys: str = ""
     """Further keys of each positioner, then further blocks."""
+    encoder_habits: HabitValues = field(default_factory=dict)
+    """What the encoder does besides."""
+    encoder_keys: str = ""
+    """Further keys of [[encoder]]."""
+
+    def __str__(self) -> str:
+        encoder = [f"telegram {self.encoder}, encoder{habits_text(self.encoder_habits)}"] if self.encoder else []
+        return "; ".join([f"cycle {self.cycle_ms} ms", *map(str, self.axes), *encoder])
 
     @property
     def telegrams(self) -> list[Telegram]:
@@ -147,7 +173,7 @@ class Plan:
         )
         if self.encoder:
             n = len(self.axes) + 1
-            axes += f"[[encoder]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {self.encoder}\n"
+            axes += f"[[encoder]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {self.encoder}\n{self.encoder_keys}"
         return parse_config(
             f'[can]\ninterface = "virtual"\nchannel = "{channel}"\nbitrate = 1000000\n'
             f"[transport]\nstatus_port = 0\ncycle_time_ms = {self.cycle_ms}\ndirect = {str(self.direct).lower()}\n"
@@ -164,7 +190,7 @@ def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
             AxisPlan(
                 number,
                 chance.choice(shapes_of(number)),
-                Latency.draw(chance),
+                draw_latency(chance),
                 chance.choice(list(PlcLossReaction)),
                 chance.choice(list(ControlLost)),
             )

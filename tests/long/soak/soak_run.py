@@ -9,7 +9,6 @@ import tempfile
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import ClassVar, Final
@@ -28,7 +27,6 @@ from pdgw.gateway.links.udp import Address
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, Machine, shape
-from pdgw.peers.node.faults import WrongIdentity
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -68,7 +66,7 @@ _FRAMES_UNDER_WAY: Final = 1000
 """More frames than the PLC sends during the longest delay."""
 _WHOLE: Final = TraceConfig(seconds=3600, megabytes=1024)
 """The recording of a part from its start."""
-_IDENTITY: Final = f"drive: {WrongIdentity.name}"
+_IDENTITY: Final = "drive: wrong-identity"
 """Without a data sheet a gateway accepts the first identity it reads, so this fault needs a data sheet."""
 _REACTION_CYCLES: Final = 2
 """The cycle of the frame, and that of a late step."""
@@ -130,7 +128,7 @@ class SoakRun:
         self.world.network.arrivals.append(self._on_arrival)
         self.bus.offered.append(self._on_offered)
         self.bus.taps.append(self._on_frame)
-        self.trace.note(f"cycle {self.plan.cycle_ms} ms; " + "; ".join(map(str, self.plan.axes)))
+        self.trace.note(str(self.plan))
 
     def _configuration(self) -> GatewayConfig:
         config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
@@ -147,8 +145,9 @@ class SoakRun:
     def _axis(self, index: int, plan: AxisPlan) -> SoakAxis:
         number = plan.telegram
         machine = self.linear if number in TASK_TELEGRAM_NUMBERS else ROTARY_AXIS
-        variant = replace(shape(plan.shape), sdo_ms=plan.sdo_ms)
-        drive = self.world.drive(CHANNEL, index + 1, shape=variant, latency=plan.latency, machine=machine)
+        drive = self.world.drive(
+            CHANNEL, index + 1, shape=shape(plan.shape), latency=plan.latency, machine=machine, habits=plan.habits
+        )
         assert isinstance(drive.port, Member)
         words = Words(telegram(number), self.world.chance(f"words {index}"), self.cycle_ns)
         axis = SoakAxis(index, plan, drive, drive.port, words)

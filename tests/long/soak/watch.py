@@ -70,8 +70,7 @@ class SoakAxis:
         """
         self.reaction_ns = 0
         """Time from a loss or a report of the drive to the new Controlword, without the latency of the drive."""
-        latency = plan.latency
-        self.late_ns = (latency.command_ms + latency.status_ms) * MS
+        self.late_ns = plan.late_ms * MS
         now = drive.loop.now()
         self._off = self._on = self._armed = -1
         """When the last OFF and ON reached the gateway, and the last ON that followed an OFF after the last loss or fault.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from pdgw.ds301.communication import EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand
 from pdgw.gateway.daemon import Daemon
-from pdgw.peers.node.misbehaviour import Misbehaviour
+from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode
 from pdgw.profidrive.signals import signal
 from pdgw.tools.output.status_text import Health
@@ -37,7 +37,7 @@ class DeviceSituation(Situation):
 
 
 @dataclass(kw_only=True, eq=False)
-class Frames(Misbehaviour):
+class Frames(Behaviour):
     """Send other frames than a good device, or ignore some."""
 
     name = "frames"
@@ -61,7 +61,7 @@ def spoil(**what: object) -> Callable[[Daemon], None]:
     def begin(daemon: Daemon) -> None:
         fault = Frames(**what)  # type: ignore[arg-type]
         fault.node = node = drive_of(daemon).node
-        node.misbehaviours[fault.name] = fault
+        node.behaviours[fault.name] = fault
 
     return begin
 

@@ -1,4 +1,4 @@
-"""What each fault of the catalogue does on the bus and to the drive, in virtual time; the gateway is not involved."""
+"""The table of habits, and what each does on the bus and to the drive, in virtual time; the gateway is not involved."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from pdgw.ds301.communication import NmtCommand, NmtState
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.peers.drive import SimulatedDriveNode
-from pdgw.peers.drive.drive_misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
+from pdgw.peers.drive.drive_behaviours import DRIVE_HABITS
+from pdgw.peers.habits import HABITS, Habit
 from pdgw.peers.node.node import SimulatedNode
+from pdgw.peers.node.node_behaviours import NODE_HABITS
 from tests.support.drives.drive_bench import DriveBench
 
 NODE = 5
@@ -48,22 +49,36 @@ def bench() -> Bench:
     return bench
 
 
-@pytest.mark.parametrize("name", DRIVE_MISBEHAVIOURS)
-def test_every_fault_is_described_and_its_parameters_are_within_their_limits(name: str) -> None:
-    kind = DRIVE_MISBEHAVIOURS[name]
-    assert len(kind.description()) > 20
-    for item in kind.parameters():
+@pytest.mark.parametrize("habit", HABITS.values(), ids=lambda habit: habit.name)
+def test_every_habit_is_described_and_its_values_are_within_their_limits(habit: Habit) -> None:
+    assert len(habit.text) > 20
+    assert len(habit.source) > 5
+    for item in habit.parameters.values():
         assert item.low <= item.default <= item.high
         assert item.meaning
+    for name, (low, high) in habit.legal.items():
+        assert habit.parameters[name].low <= low <= high <= habit.parameters[name].high
+    assert not habit.legal_for or habit.legal.keys() == habit.parameters.keys()
 
 
-@pytest.mark.parametrize("name", DRIVE_MISBEHAVIOURS)
+@pytest.mark.parametrize("habit", HABITS.values(), ids=lambda habit: habit.name)
+def test_every_habit_is_legal_or_has_a_case_for_each_of_its_devices(habit: Habit) -> None:
+    devices = ("drive", "encoder") if habit.device == "node" else (habit.device,)
+    assert {*habit.legal_for, *(key for case in habit.cases for key in case)} >= set(devices)
+    assert all("within_ms" in case for case in habit.cases if case.get("faults"))
+
+
+def test_table_has_the_numbers_of_rows_that_the_document_promises() -> None:
+    assert sum(bool(habit.legal_for) for habit in HABITS.values()) >= 60
+
+
+@pytest.mark.parametrize("name", DRIVE_HABITS)
 def test_removed_fault_leaves_a_normal_drive(bench: Bench, name: str) -> None:
     bench.node.start_fault(name)
     bench.run(50)
     bench.node.end_fault(name)
     bench.run(50)
-    assert not bench.node.misbehaviours
+    assert not bench.node.behaviours
     bench.frame(0, bytes((NmtCommand.RESET_NODE, NODE)))
     bench.run(5)
     bench.command(0x80)
@@ -91,12 +106,12 @@ def test_a_wrong_choice_is_named_and_changes_nothing(
     bench.node.start_fault("slow-sdo", delay_ms=7)
     with pytest.raises(CanopenError, match=message):
         bench.node.start_fault(name, **values)
-    assert [fault.values for fault in bench.node.misbehaviours.values()] == [{"delay_ms": 7}]
+    assert [fault.values for fault in bench.node.behaviours.values()] == [{"delay_ms": 7}]
 
 
 def test_any_simulated_node_has_the_faults_of_a_node() -> None:
-    assert SimulatedNode.catalogue is NODE_MISBEHAVIOURS
-    assert set(NODE_MISBEHAVIOURS) < set(DRIVE_MISBEHAVIOURS)
+    assert SimulatedNode.catalogue is NODE_HABITS
+    assert set(NODE_HABITS) < set(DRIVE_HABITS)
 
 
 def test_slow_sdo_answers_after_its_delay(bench: Bench) -> None:

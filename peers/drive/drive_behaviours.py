@@ -1,0 +1,226 @@
+"""The behaviours of a simulated drive in addition to those of any CANopen node.
+
+Source: CiA DSP 402 V2.0 and the manufacturer's guide. ``peers/habits.toml`` has the habits that are made of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from random import Random
+from typing import TYPE_CHECKING, Final, cast
+
+from pdgw.dsp402.states import Command, State
+from pdgw.durations import MS
+from pdgw.peers.drive.model.latency import DelayLine
+from pdgw.peers.node.behaviour import Behaviour, catalogue
+from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS, Periodic, Reboot
+
+if TYPE_CHECKING:
+    from pdgw.peers.drive.model.model import DriveModel
+
+_UNDER_VOLTAGE: Final = 6
+_NOISE_PERIOD: Final = 10 * MS
+
+
+class DriveBehaviour(Behaviour):
+    """A behaviour with access to the model of the drive."""
+
+    @property
+    def model(self) -> DriveModel:
+        """The model of the node's drive."""
+        return cast("DriveModel", self.node.image)
+
+
+class Transition(DriveBehaviour):
+    """The drive needs time for a change of its state."""
+
+    delay_ms = 0
+    state = ""
+    targets: Sequence[str] = ()
+
+    def begin(self) -> None:
+        for target in self.targets:
+            self.model.transition_ms[State(self.state), State(target)] = self.delay_ms
+
+    def end(self) -> None:
+        for target in self.targets:
+            del self.model.transition_ms[State(self.state), State(target)]
+
+
+class _Disguise(DriveBehaviour):
+    """The drive shows other values than its own: ``disguise`` changes its image after each update."""
+
+    def begin(self) -> None:
+        self.model.disguises.append(self.disguise)
+
+    def end(self) -> None:
+        self.model.disguises.remove(self.disguise)
+
+    def disguise(self, model: DriveModel, now: int) -> None:
+        """Change the shown values (``now``: the model's time in ns)."""
+        raise NotImplementedError
+
+
+# -- Statusword and mode --------------------------------------------------------------------------------------------------
+
+
+class ShownBits(_Disguise):
+    """Bits of a value have other values, or (``inverted``) the opposite ones in every second period.
+
+    ``states``, ``mode``, ``standstill``: only in these states, in this mode of operation, at standstill.
+    """
+
+    shown = "statusword"
+    states: Sequence[str] = ()
+    mode = 0
+    standstill = False
+    mask = 0
+    bits = 0
+    inverted = False
+    period_ms = 0
+
+    def disguise(self, model: DriveModel, now: int) -> None:
+        if self.states and model.state.value not in self.states:
+            return
+        if (self.mode and model.mode != self.mode) or (self.standstill and model.ramp.speed):
+            return
+        value = getattr(model, self.shown)
+        if not self.inverted:
+            setattr(model, self.shown, value & ~self.mask | self.bits)
+        elif now // (self.period_ms * MS) & 1:
+            setattr(model, self.shown, value ^ self.bits)
+
+
+class LateBits(_Disguise):
+    """Bits of a value are late; the first value is shown at once."""
+
+    shown = "statusword"
+    delay_ms = 0
+    bits = 0xFFFF
+
+    def begin(self) -> None:
+        self._line = DelayLine()
+        super().begin()
+
+    def disguise(self, model: DriveModel, now: int) -> None:
+        value = getattr(model, self.shown)
+        late = self._line.show(value, now, self.delay_ms)
+        setattr(model, self.shown, value & ~self.bits | late & self.bits)
+
+
+class Noise(_Disguise):
+    """Actual velocity and position differ at random from those of the shaft."""
+
+    rpm = 0
+    counts = 0
+
+    def disguise(self, model: DriveModel, now: int) -> None:
+        chance = Random(now // _NOISE_PERIOD)
+        model.velocity_actual += round(chance.uniform(-self.rpm, self.rpm) / model.unit)
+        model.position_actual += chance.randint(-self.counts, self.counts)
+
+
+# -- machine and power ----------------------------------------------------------------------------------------------------
+
+
+class LimitSwitch(DriveBehaviour):
+    """A limit switch is active at the present position: the drive stops motion in that direction."""
+
+    positive = 1
+
+    def begin(self) -> None:
+        model = self.model
+        self._machine = model.machine
+        side = "positive_limit" if self.positive else "negative_limit"
+        model.machine = replace(model.machine, **{side: model.machine_position})
+
+    def end(self) -> None:
+        self.model.machine = self._machine
+
+
+class EnableInputDropped(DriveBehaviour):
+    """The enable input is 0."""
+
+    def begin(self) -> None:
+        self.model.set_enable_input(False)
+
+    def end(self) -> None:
+        self.model.set_enable_input(True)
+
+
+class EnablesItself(Periodic, DriveBehaviour):
+    """The drive enters operation by itself, repeatedly."""
+
+    def act(self, now: int) -> None:
+        for command in (Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION):
+            self.model.controlword = command.word
+            self.model.command()
+
+
+class FaultOfDrive(DriveBehaviour):
+    """A fault of the manufacturer's table (200Ch). Its cause is present until the habit ends."""
+
+    number = 0
+
+    def begin(self) -> None:
+        self.model.inject(self.number)
+
+    def end(self) -> None:
+        self.model.causes.discard(self.number)
+
+
+class UnderVoltage(FaultOfDrive):
+    """The DC-link voltage drops: fault 6, and 6079h shows the remaining voltage."""
+
+    number = _UNDER_VOLTAGE
+    voltage = 0
+
+    def begin(self) -> None:
+        self._before, self.model.dc_link_voltage = self.model.dc_link_voltage, self.voltage
+        super().begin()
+
+    def end(self) -> None:
+        super().end()
+        self.model.dc_link_voltage = self._before
+
+
+class RebootInMotion(Reboot, DriveBehaviour):
+    """The drive restarts while it turns: it is silent, then sends its boot-up message."""
+
+    speed = 0
+    _done = False
+
+    def begin(self) -> None:
+        """Wait for the motion."""
+
+    def poll(self, now: int) -> None:
+        if not self._done and abs(self.model.ramp.speed) > self.speed:
+            self._done = True
+            super().begin()
+        super().poll(now)
+
+    def next_event(self, now: int) -> int | None:
+        return now + MS if not self._done and self.model.next_change() is not None else super().next_event(now)
+
+
+DRIVE_HABITS: Final = {
+    **NODE_HABITS,
+    **catalogue(
+        "drive",
+        (
+            *NODE_BEHAVIOURS,
+            Transition,
+            ShownBits,
+            LateBits,
+            Noise,
+            LimitSwitch,
+            EnableInputDropped,
+            EnablesItself,
+            FaultOfDrive,
+            UnderVoltage,
+            RebootInMotion,
+        ),
+    ),
+}
+"""All habits of a simulated drive."""

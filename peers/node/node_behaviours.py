@@ -1,0 +1,455 @@
+"""The behaviours of any simulated CANopen node.
+
+Source: CiA DS 301. ``peers/habits.toml`` has the habits that are made of them.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from operator import attrgetter
+from random import Random
+from typing import Final
+
+from pdgw.ds301 import communication as com
+from pdgw.ds301.aborts import Abort, SdoAbortedError
+from pdgw.ds301.communication import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand
+from pdgw.ds301.configuration import TRANSMISSION_TYPE
+from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter
+from pdgw.durations import MS
+from pdgw.peers.node.behaviour import Behaviour, catalogue
+from pdgw.peers.node.device import Value
+
+# -- frames ---------------------------------------------------------------------------------------------------------------
+
+_INCOMING: Final = frozenset({"pdo", "rpdo", "nmt"})
+_OUTGOING: Final = frozenset({"sdo", "pdo", "tpdo", "heartbeat", "boot-up", "emcy", "sent"})
+"""The kinds of frames that a node receives, and those that it sends."""
+_COB_IDS: Final = {"sdo": SDO_RESPONSE, "emcy": EMCY, "heartbeat": ERROR_CONTROL, "boot-up": ERROR_CONTROL}
+
+
+class Frames(Behaviour):
+    """Frames of one kind are late (in the same order), repeated or lost: all of them, or each n-th."""
+
+    kind = "sent"
+    every = 1
+    delay_ms = 0
+    jitter_ms = 0
+    copies = 0
+    lost = False
+
+    def begin(self) -> None:
+        self._counts: Counter[int] = Counter()
+        self._waiting: deque[tuple[int, Callable[[], None]]] = deque()
+        self._chance = Random(0)
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        def receive() -> None:
+            self.node.receive(can_id, data, self.node.now, past=self)
+
+        return self.kind not in _INCOMING or self._passes(can_id, data, receive)
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        def transmit() -> None:
+            self.node.transmit(can_id, data, past=self)
+
+        return self.kind not in _OUTGOING or self._passes(can_id, data, transmit)
+
+    def _is_concerned(self, can_id: int, data: bytes) -> bool:
+        if self.kind.endswith("pdo"):
+            return self.node.is_pdo(can_id)
+        if self.kind in _COB_IDS and can_id != _COB_IDS[self.kind] + self.node.node_id:
+            return False
+        return data == b"\0" if self.kind == "boot-up" else self.kind != "heartbeat" or data != b"\0"
+
+    def _passes(self, can_id: int, data: bytes, go: Callable[[], None]) -> bool:
+        if not self._is_concerned(can_id, data):
+            return True
+        self._counts[can_id] += 1
+        if self._counts[can_id] % self.every:
+            return True
+        for _ in range(self.copies):
+            go()
+        delay = self.delay_ms + self._chance.randint(0, self.jitter_ms)
+        if self.lost or not (delay or self._waiting):
+            return not self.lost
+        due = self.node.now + delay * MS
+        self._waiting.append((max(due, self._waiting[-1][0]) if self._waiting else due, go))
+        return False
+
+    def poll(self, now: int) -> None:
+        while self._waiting and now >= self._waiting[0][0]:
+            self._waiting.popleft()[1]()
+
+    def next_event(self, now: int) -> int | None:
+        return self._waiting[0][0] if self._waiting else None
+
+    def end(self) -> None:
+        while self._waiting:
+            self._waiting.popleft()[1]()
+
+
+# -- SDO ------------------------------------------------------------------------------------------------------------------
+
+_SEGMENT: Final = 0x60
+_TOGGLE: Final = 0x10
+_EXPEDITED_UPLOAD: Final = 0x42
+_SEGMENTED_UPLOAD: Final = 0x41
+_COMMAND: Final = 0xE0
+
+
+def _is_expedited_upload(data: bytes) -> bool:
+    return data[0] & (_COMMAND | 0x02) == _EXPEDITED_UPLOAD
+
+
+class SdoSize(Behaviour):
+    """Every expedited upload has the same command byte, and four bytes of data."""
+
+    command = 0
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        if can_id != SDO_RESPONSE + self.node.node_id or not _is_expedited_upload(data) or data[0] == self.command:
+            return True
+        self.node.transmit(can_id, bytes([self.command]) + data[1:], past=self)
+        return False
+
+
+class SegmentedSdo(Behaviour):
+    """Every upload is segmented, short values too. ``toggle`` changes the toggle bit of each segment."""
+
+    toggle = 0
+    _pending = b""
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        if can_id != SDO_RESPONSE + self.node.node_id:
+            return True
+        command = data[0]
+        if _is_expedited_upload(data):
+            size = 4 - (command >> 2 & 3) if command & 1 else 4
+            self._pending = data[4 : 4 + size]
+            header = struct.pack("<B3sI", _SEGMENTED_UPLOAD, data[1:4], size)
+            self.node.transmit(can_id, header, past=self)
+            return False
+        if command & _COMMAND <= 0x20 and self.toggle:  # a segment of either direction
+            self.node.transmit(can_id, bytes([command ^ self.toggle]) + data[1:], past=self)
+            return False
+        return True
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        if can_id != SDO_REQUEST + self.node.node_id or not data or not self._pending:
+            return True
+        pending, self._pending = self._pending, b""
+        if data[0] & _COMMAND != _SEGMENT:
+            return True
+        command = (data[0] & _TOGGLE ^ self.toggle) | (7 - len(pending)) << 1 | 1
+        self.node.transmit(SDO_RESPONSE + self.node.node_id, bytes([command]) + pending.ljust(7, b"\0"), past=self)
+        return False
+
+
+# -- object dictionary ----------------------------------------------------------------------------------------------------
+
+
+class ObjectMissing(Behaviour):
+    """Objects do not exist in the device (abort 06020000h). ``subindex``: the first one that is missing."""
+
+    index = 0
+    last = 0
+    subindex = 0
+
+    def _lacks(self, entry: Entry) -> bool:
+        return self.index <= entry.index <= max(self.index, self.last) and entry.subindex >= self.subindex
+
+    def reading(self, entry: Entry, data: bytes) -> bytes:
+        return self.writing(entry, data)
+
+    def writing(self, entry: Entry, data: bytes) -> bytes:
+        if self._lacks(entry):
+            raise SdoAbortedError(Abort.NO_SUCH_SUBINDEX if self.subindex else Abort.NO_SUCH_OBJECT)
+        return data
+
+
+class FewPdos(ObjectMissing):
+    """The parameters of further PDOs do not exist."""
+
+    pdos = 0
+
+    def _lacks(self, entry: Entry) -> bool:
+        return entry.index in PDO_PARAMETERS and entry.index % PDOS_MAX >= self.pdos
+
+
+class MappingRefused(Behaviour):
+    """Writes of mapping parameters are aborted. ``number_only``: only those of a number of mapped objects."""
+
+    abort = Abort.READ_ONLY
+    number_only = False
+
+    def writing(self, entry: Entry, data: bytes) -> bytes:
+        counts = entry.subindex == 0 and any(data)
+        if is_mapping_parameter(entry.index) and (counts or not self.number_only):
+            raise SdoAbortedError(self.abort)
+        return data
+
+
+class ObjectValue(Behaviour):
+    """Objects have other values after power-on. ``read_only``: which cannot be written."""
+
+    index = 0
+    subindexes: Sequence[int] = (0,)
+    value = 0
+    read_only = False
+
+    def begin(self) -> None:
+        node = self.node
+        addresses = [(self.index, sub) for sub in self.subindexes if (self.index, sub) in node.entries]
+        self._before = [(address, node.entries[address], node.values[address]) for address in addresses]
+        for address, entry, _ in self._before:
+            self._put(address, replace(entry, default=self.value), self.value)
+
+    def end(self) -> None:
+        for item in self._before:
+            self._put(*item)
+
+    def _put(self, address: tuple[int, int], entry: Entry, value: Value) -> None:
+        self.node.entries[address], self.node.values[address] = entry, value
+
+    def writing(self, entry: Entry, data: bytes) -> bytes:
+        if self.read_only and entry.index == self.index and entry.subindex in self.subindexes:
+            raise SdoAbortedError(Abort.READ_ONLY)
+        return data
+
+
+class WrongIdentity(ObjectValue):
+    """The device has another vendor-ID."""
+
+    vendor_id = 0
+
+    def begin(self) -> None:
+        self.value = self.vendor_id
+        super().begin()
+
+
+class RoundedTimes(Behaviour):
+    """Times in milliseconds are rounded up to multiples of ``step_ms``."""
+
+    step_ms = 1
+
+    def writing(self, entry: Entry, data: bytes) -> bytes:
+        if entry.unit != "ms" or not entry.type.char:
+            return data
+        time = int.from_bytes(data, "little")
+        return (-(-time // self.step_ms) * self.step_ms).to_bytes(len(data), "little")
+
+
+class Setting(Behaviour):
+    """Attributes of the node, or of what it has by the name ``of``, have other values. The parameters have their names."""
+
+    of = ""
+
+    def begin(self) -> None:
+        owner = attrgetter(self.of)(self.node) if self.of else self.node
+        self._owner: object = owner
+        settings = {**self.habit.fixed, **self.values}
+        self._before = {name: getattr(owner, name) for name in settings.keys() - {"of"}}
+        self._set(settings)
+
+    def end(self) -> None:
+        self._set(self._before)
+
+    def _set(self, values: Mapping[str, object]) -> None:
+        for name in self._before:
+            setattr(self._owner, name, values[name])
+
+
+# -- error control, EMCY, bus ---------------------------------------------------------------------------------------------
+
+
+class Periodic(Behaviour):
+    """``act`` is called repeatedly, ``count`` times at most."""
+
+    period_ms = 1000
+    count = 1_000_000_000
+    _left = 0
+
+    def begin(self) -> None:
+        self._from(self.node.now)
+
+    def _from(self, due: int) -> None:
+        """Begin at a time."""
+        self._due, self._left = due, self.count
+
+    def poll(self, now: int) -> None:
+        while self._left and now >= self._due:
+            self._left -= 1
+            self._due += self._next_ms() * MS
+            self.act(now)
+
+    def next_event(self, now: int) -> int | None:
+        return self._due if self._left else None
+
+    def _next_ms(self) -> int:
+        return self.period_ms
+
+    def act(self, now: int) -> None:
+        """Do it once."""
+        raise NotImplementedError
+
+
+class Heartbeats(Periodic):
+    """The heartbeat has its own period, with a random deviation."""
+
+    period_ms = 100
+    jitter_ms = 0
+
+    def begin(self) -> None:
+        super().begin()
+        self._chance = Random(ERROR_CONTROL + self.node.node_id)
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        return can_id != ERROR_CONTROL + self.node.node_id or data == b"\0"
+
+    def _next_ms(self) -> int:
+        return self.period_ms + self._chance.randint(-self.jitter_ms, self.jitter_ms)
+
+    def act(self, now: int) -> None:
+        self.node.send_heartbeat(past=self)
+
+
+class HeartbeatsAtChange(Periodic):
+    """After each change of the NMT state come heartbeats, one every millisecond."""
+
+    period_ms = 1
+    _state: object = None
+
+    def poll(self, now: int) -> None:
+        if self._state is not self.node.state:
+            self._state = self.node.state
+            self._from(now + MS)
+        super().poll(now)
+
+    def act(self, now: int) -> None:
+        self.node.send_heartbeat()
+
+
+class Emcys(Periodic):
+    """The same emergency message is sent repeatedly. ``then``: a heartbeat, or Pre-operational, follows each."""
+
+    code = 0
+    register = 0
+    then = ""
+
+    def act(self, now: int) -> None:
+        self.node.send_emcy(self.code, self.register)
+        if self.then == "heartbeat":
+            self.node.send_heartbeat()
+        elif self.then == "pre-operational":
+            self.node.receive(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, self.node.node_id)), now)
+
+
+class BusOff(Behaviour):
+    """The node does not send or receive for some time."""
+
+    recovery_ms = 0
+    _off = True
+
+    def begin(self) -> None:
+        self._back_at = self.node.now + self.recovery_ms * MS
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        return not self._off
+
+    outgoing = incoming
+
+    def poll(self, now: int) -> None:
+        if self.recovery_ms and now >= self._back_at:
+            self.end()
+
+    def next_event(self, now: int) -> int | None:
+        return self._back_at if self._off and self.recovery_ms else None
+
+    def end(self) -> None:
+        if self._off:
+            self._off = False
+            self.node.send_emcy(BUS_OFF_RECOVERED, 0)
+
+
+class ErrorPassive(Frames):
+    """The node reports that it is error-passive, and its frames are late."""
+
+    _reported = False
+
+    def poll(self, now: int) -> None:
+        if not self._reported and self.node.running:
+            self._reported = True
+            self.node.send_emcy(ERROR_PASSIVE, COMMUNICATION_ERROR)
+        super().poll(now)
+
+    def next_event(self, now: int) -> int | None:
+        return now if not self._reported and self.node.running else super().next_event(now)
+
+    def end(self) -> None:
+        super().end()
+        self.node.send_emcy(0, 0)
+
+
+class Reboot(Periodic):
+    """The node restarts once: it is silent, then sends its boot-up message and has power-on values."""
+
+    off_ms = 0
+    count = 1
+
+    def begin(self) -> None:
+        self.node.power_off()
+        self._from(self.node.now + self.off_ms * MS)
+
+    def act(self, now: int) -> None:
+        self.node.restart()
+
+    def end(self) -> None:
+        if self._left:
+            self.act(self._due)
+
+
+class SyncCounter(ObjectValue):
+    """The device has 1019h, and accepts a SYNC only with the counter that this object demands."""
+
+    def begin(self) -> None:
+        self.node.indices.add(self.index)
+        like = self.node.entries[PdoDirection.TPDO.communication_index, TRANSMISSION_TYPE]
+        self._put((self.index, 0), replace(like, index=self.index, subindex=0), 0)
+        super().begin()
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        sync = can_id == self.node.values[com.SYNC_COB_ID, 0]
+        return not sync or bool(data) is bool(self.node.values[self.index, 0])
+
+    def writing(self, entry: Entry, data: bytes) -> bytes:
+        if entry.index == self.index and self.node.values.get((com.SYNC_PERIOD, 0)):
+            raise SdoAbortedError(Abort.CANNOT_STORE_DEVICE_STATE)
+        return super().writing(entry, data)
+
+
+NODE_BEHAVIOURS: Final = (
+    Frames,
+    SdoSize,
+    SegmentedSdo,
+    ObjectMissing,
+    FewPdos,
+    MappingRefused,
+    ObjectValue,
+    WrongIdentity,
+    RoundedTimes,
+    Setting,
+    Heartbeats,
+    HeartbeatsAtChange,
+    Emcys,
+    BusOff,
+    ErrorPassive,
+    Reboot,
+    SyncCounter,
+)
+NODE_HABITS: Final = catalogue("node", NODE_BEHAVIOURS)
+"""All habits of any CANopen device."""
