@@ -123,6 +123,26 @@ def test_every_drive_variant_turns_as_commanded_and_not_further(name: str) -> No
 
 
 @pytest.mark.parametrize(
+    ("habit", "values", "line"),
+    [
+        ("heartbeat-period", {"period_ms": 200}, "heartbeat 200 ms; limit 300 ms NEAR: raise heartbeat_factor"),
+        ("heartbeat-jitter", {"jitter_ms": 60}, "heartbeat [4-6][0-9] ms to 1[4-6][0-9] ms; limit 300 ms"),
+        ("tpdo-by-timer", {}, "TPDO 50 ms; limit 200 ms"),
+        ("slow-sdo", {"delay_ms": 20}, "SDO answer .*2[0-2] ms; limit 500 ms"),
+        ("brake-opens", {"delay_ms": 1800}, "entering operation 1.8 s; limit 10 s"),
+        ("brake-closes", {"delay_ms": 700}, "leaving operation at standstill 70[0-9] ms; limit 10 s"),
+        ("status-latency", {"status_ms": 100}, "reaction to a command 10[0-9] ms; limit 320 ms"),
+        ("mode-display-late", {"delay_ms": 200}, "change of the mode 2[0-9]{2} ms; limit 1 s"),
+    ],
+)
+def test_each_habit_of_the_drive_is_measured_beside_its_limit(habit: str, values: dict[str, int], line: str) -> None:
+    site = Site()
+    site.drive.do(lambda node: node.start_fault(habit, **values))
+    assert site.run().passed, site.lines
+    assert any(re.search(line, " ".join(shown.split())) for shown in site.lines), site.lines
+
+
+@pytest.mark.parametrize(
     ("turns", "confirmed"), [("2.5", True), ("2,6", True), ("", False), ("yes", False), (None, False)]
 )
 def test_without_a_number_of_turns_nothing_is_verified(

@@ -430,7 +430,6 @@ class AxisTest:
 
     def _position(self) -> int | None:
         """Distance of 6064h in increments; None for a drive without it. AxisTestError when it exceeds the commanded distance."""
-        asked = self._loop.now()
         try:
             raw = self._loop.result(
                 self._axis.drive.submit(lambda node: node.sdo.read_number(POSITION_ACTUAL, signed=True)), _SDO_NS
@@ -439,7 +438,6 @@ class AxisTest:
             return None
         except (CanopenError, SdoCommunicationError, TimeoutError) as error:
             raise AxisTestError(f"6064h cannot be read: {error}") from error
-        self._times.add("SDO answer", self._loop.now() - asked)
         drive = self._axis.drive.drive_type
         assert drive is not None
         counts = drive.scaling.counts_per_revolution

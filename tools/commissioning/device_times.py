@@ -51,6 +51,8 @@ class DeviceTimes:
         self._state: State | None = None
         self._commanded: tuple[str, int] | None = None
         """What the last Controlword began, and when."""
+        self._asked: int | None = None
+        """When the SDO request was sent that has no answer yet."""
         self._mode: tuple[int, int] | None = None
         """The mode that 6061h does not show yet, and when it was sent."""
 
@@ -76,7 +78,7 @@ class DeviceTimes:
         elif not message.is_rx and cob_id in self._rpdos:
             self._sent(dict(_values(self._rpdos[cob_id], data)), now)
         elif len(data) == _SDO_BYTES and cob_id in (self._sdo, self._sdo + SDO_RESPONSE - SDO_REQUEST):
-            self._transferred(data, now)
+            self._transferred(message, now)
 
     def _came(self, name: str, cob_id: int, now: int) -> None:
         if cob_id in self._last:
@@ -98,8 +100,14 @@ class DeviceTimes:
                 self._commanded = None
             self._state = state
 
-    def _transferred(self, data: bytes, now: int) -> None:
-        """The mode, which the gateway writes and then reads at every bring-up."""
+    def _transferred(self, message: can.Message, now: int) -> None:
+        """The time of an answer; the mode, which the gateway writes and then reads at every bring-up."""
+        if not message.is_rx:
+            self._asked = now
+        elif self._asked is not None:
+            self.add("SDO answer", now - self._asked)
+            self._asked = None
+        data = bytes(message.data)
         address, kind, value = address_in(data), data[0] & COMMAND, data[4]
         if address == _WRITTEN and kind == DOWNLOAD:
             self._mode = value, now

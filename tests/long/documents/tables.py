@@ -47,7 +47,7 @@ from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, Tel
 from pdgw.profidrive.words import Bit, Confidence
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
-from tests.long.documents import habits, package_picture
+from tests.long.documents import habits, package_picture, supervisions
 from tests.long.documents.simulator_steps import generate_steps
 from tests.support.documents.parts import table, write_part
 from tests.support.documents.profile_numbers import word_positions
@@ -391,6 +391,7 @@ def generate() -> str:
         "In each cycle and for every telegram, the first matching row of `gateway/axis/power_table.py` decides what the gateway "
         "does with the power stage of a drive.\n",
         *_power_table(),
+        *supervisions.generate(),
     ]
     return "\n".join(out)
 
