@@ -10,7 +10,7 @@ from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import OFFS, Flag, PowerWish
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
-from pdgw.gateway.axis.power_states import DRIVE_OF_STATE, Action, Drive, Phase
+from pdgw.gateway.axis.power_states import COLUMNS, DRIVE_OF_STATE, Action, Drive, Leave, Line, Phase
 from pdgw.gateway.axis.power_table import (
     CELLS,
     COASTS,
@@ -50,6 +50,15 @@ def walk(*, phases: object = Phase, drives: object = Drive, wishes: object = Pow
 def test_every_row_of_the_power_table_applies_to_some_state() -> None:
     assert {item.row for item in CELLS} == set(range(len(ROWS)))
     assert len(CELLS) == len(EVERYTHING)
+
+
+def test_each_command_that_wants_standstill_has_a_limit_of_its_effect() -> None:
+    """A drive with power must leave its state in time, or become slower. Only a drive that follows the PLC has no limit."""
+    powered = set(Drive) - set(UNPOWERED) - {Drive.NO_REFERENCES}
+    for name, item in walk(drives=powered):
+        columns = COLUMNS[item.limit]
+        follows = item.action is Action.PASS or (item.action is Action.ENABLE_OPERATION and item.operating)
+        assert follows or columns.leave is not Leave.NONE or columns.line is not Line.NONE, name
 
 
 def test_only_an_off_leads_to_a_phase_that_accepts_commands() -> None:
