@@ -78,7 +78,7 @@ class BrakeMonitor:
         )
         ends = ignores == 0 and (shown.ok or before.since == 0)
         since = 0 if ends else min(before.since + 1, self._still + 2)
-        if off2 and not before.off2 and ignores > _REACTION:
+        if off2 and not before.off2 and since > _REACTION:
             ignores = 1  # a drive that waited for its brake has the time of OFF2
         turns = before.turns
         if shown.ok:
