@@ -42,7 +42,8 @@ class ConfiguringAccess(SdoAccess):
     def check_identity(self, device_type: int, device: tuple[int, int] = (0, 0), sheet: str = "the EDS") -> None:
         """Compare device type (1000h), vendor and product with profile and EDS; the package's error names a difference.
 
-        ``device``: vendor-ID and product code if they were read already, else 0. ``sheet``: name of the EDS for people.
+        A device need not have a product code. ``device``: vendor-ID and product code if they were read already, else 0.
+        ``sheet``: name of the EDS for people.
         """
         name = f"node {self._node_id} device type 1000h"
         if profile_of(device_type) != self.kind.profile:
@@ -56,8 +57,10 @@ class ConfiguringAccess(SdoAccess):
         ):
             if not expected:
                 continue
-            found = device[subindex - 1] or self.require(IDENTITY, subindex)
-            if found != expected:
+            optional = subindex > 1
+            read = self.read_optional if optional else self.require
+            found = device[subindex - 1] or read(IDENTITY, subindex)
+            if found != expected and (found or not optional):
                 raise self.error_type(
                     f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h, as in {sheet}"
                 )

@@ -156,6 +156,12 @@ def test_a_node_of_another_type_is_refused_by_name(
     assert [event.kind for event in plant.events][-1] == "refused"
 
 
+def test_drive_without_a_product_code_is_online_with_its_data_sheet(plant: Plant) -> None:
+    plant.power_on(misbehaves="identity-of-vendor-only")
+    plant.connect(eds=EDS_PATH)
+    plant.online()
+
+
 class _Stubborn(SimulatedDriveNode):
     """Refuses to guard the gateway."""
 

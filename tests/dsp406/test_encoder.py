@@ -206,6 +206,12 @@ def test_another_encoder_than_the_eds_says_is_refused(plant: Plant) -> None:
         site.result(client.submit(lambda encoder: encoder.sdo.read(0x6004)))
 
 
+def test_encoder_without_a_product_code_is_online(plant: Plant) -> None:
+    _with(plant, "identity-of-vendor-only")
+    plant.connect()
+    plant.online()
+
+
 def test_a_restart_is_noticed_and_configured_again(plant: Plant) -> None:
     encoder = plant.power_on()
     encoder.start()
