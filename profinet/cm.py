@@ -21,7 +21,7 @@ from pdgw.profinet.blocks.connect_blocks import (
     IocrBlockRes,
 )
 from pdgw.profinet.blocks.control import ANSWERS, COMMANDS, ControlBlock, ControlCommand, PrmEndReq, ReleaseReq
-from pdgw.profinet.connection.cmdev import AbortCode, Address, ApplicationRelation, CyclicCounters, Event, Output
+from pdgw.profinet.connection.cmdev import Address, ApplicationRelation, CyclicCounters, Event, Output
 from pdgw.profinet.connection.connect import (
     AR_UNKNOWN,
     ARGS_LENGTH,
@@ -304,6 +304,6 @@ class ContextManager:
         del self.relations[ar_uuid]
         if relation is self.io:
             self.io = None
-        code = relation.ended.code if relation.ended is not None else AbortCode.REQUESTED
-        self.records.log.append(LogItem(now, ar_uuid, code.status.value))
+        if relation.ended is not None:
+            self.records.log.append(LogItem(now, ar_uuid, relation.ended.status.value))
         self._ended.append(relation)

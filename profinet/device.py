@@ -61,6 +61,10 @@ class Refused:
     status: PnioStatus
     reason: str
 
+    @property
+    def text(self) -> str:
+        return f"Connect from {self.host} rejected, {self.status.text}: {self.reason}"
+
 
 DeviceEvent = Connected | Disconnected | Refused | NameSet | IpSet | Flash | ResetToFactory
 Outgoing = tuple[Address | None, bytes | bytearray]

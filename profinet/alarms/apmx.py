@@ -171,18 +171,18 @@ class AlarmMachine:
             exhausted = self._repetitions >= self._relation.retries
             self._handle(Event.EXHAUSTED if exhausted else Event.TIMEOUT, now)
 
-    def receive(self, frame: bytes, start: int, now: int) -> bool:
-        """A PDU of this priority from the peer's MAC; True when the peer has ended the relationship (ERR)."""
+    def receive(self, frame: bytes, start: int, now: int) -> bytes | None:
+        """A PDU of this priority from the peer's MAC; the status of an ERR, with which the peer has ended the relationship."""
         if len(frame) - start < PDU.size:
             self.dropped += 1
-            return False
+            return None
         _, destination, source, kind, _, sequence, ack, length = PDU.unpack_from(frame, start)
         content = frame[start + PDU.size : start + PDU.size + length]
         relation = self._relation
         known = destination == relation.own_reference and kind >> _VERSION_SHIFT == VERSION and len(content) == length
         kind &= 0x0F
         if known and kind == PduType.ERR:
-            return True
+            return content
         if not known or source != relation.peer_reference:
             self.dropped += 1
         elif kind == PduType.ACK:
@@ -191,7 +191,7 @@ class AlarmMachine:
             self._data(sequence, ack, content, now)
         else:
             self.dropped += 1
-        return False
+        return None
 
     def error(self, status: int) -> bytes:
         """The PDU that ends the relationship."""

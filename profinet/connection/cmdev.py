@@ -120,9 +120,8 @@ ABORTS: Final = {
     Event.RESET: AbortCode.RESET,
     Event.STOPPED: AbortCode.REQUESTED,
     Event.RELEASE: AbortCode.RELEASED,
-    Event.PEER_ERROR: AbortCode.REQUESTED,
 }
-"""Why the relationship ends by an event; what an ERR PDU says where one is sent."""
+"""Why the relationship ends by an event of this side or a Release; what an ERR PDU says where one is sent."""
 
 _ENDS: Final = {
     **dict.fromkeys(ABORTS, (State.CLOSED, Action.ABORT)),
@@ -155,11 +154,12 @@ class Ended:
     """Reasons for the end of a relationship."""
 
     event: Event
-    code: AbortCode
+    status: PnioStatus
+    """That of an ERR from the controller as it was received."""
 
     @property
     def text(self) -> str:
-        return f"{self.event.value} ({self.code.status.codes})"
+        return f"{self.event.value} ({self.status.codes})"
 
 
 @dataclass(slots=True)
@@ -256,8 +256,8 @@ class ApplicationRelation:
 
     # -- events -------------------------------------------------------------------------------------------------------
 
-    def handle(self, event: Event, now: int) -> bool:
-        """Let something happen; False when a service is refused in this state."""
+    def handle(self, event: Event, now: int, received: PnioStatus | None = None) -> bool:
+        """Let something happen; False when a service is refused in this state. ``received``: the status of a PEER_ERROR."""
         self.state, action = TABLE[self.state, event]
         match action:
             case Action.REFUSE:
@@ -285,17 +285,17 @@ class ApplicationRelation:
                 if self.machines:
                     error = ABORTS[event].status.value
                     self._output.frame(self.machines[Priority.LOW].error(error))
-                self._end(event)
+                self._end(event, received)
             case Action.CLOSE:
-                self._end(event)
+                self._end(event, received)
         return True
 
     def _open(self) -> None:
         if self.provider is not None:
             self.provider.open()
 
-    def _end(self, event: Event) -> None:
-        self.ended = Ended(event, ABORTS[event])
+    def _end(self, event: Event, received: PnioStatus | None) -> None:
+        self.ended = Ended(event, received or ABORTS[event].status)
         self._activity_due = self._ready_due = None
 
     # -- ApplicationReady ---------------------------------------------------------------------------------------------
@@ -361,8 +361,9 @@ class ApplicationRelation:
         machine = self.machines.get(priority)
         if machine is None or not self.alive:
             return
-        if machine.receive(frame, start, now):
-            self.handle(Event.PEER_ERROR, now)
+        error = machine.receive(frame, start, now)
+        if error is not None:
+            self.handle(Event.PEER_ERROR, now, PnioStatus(*error[:4]))
         self._flush(machine)
 
     def _flush(self, machine: AlarmMachine) -> None:

@@ -55,7 +55,7 @@ def test_release_ends_the_relationship_and_a_new_one_is_possible_at_once() -> No
         wire.run(50 * MS)
         assert wire.plc.learned.ended == "released"
         assert wire.device.relation is None
-    assert [event.ended.code for event in wire.reported(Disconnected)] == [AbortCode.RELEASED] * 3
+    assert [event.ended.status for event in wire.reported(Disconnected)] == [AbortCode.RELEASED.status] * 3
 
 
 def test_silent_controller_is_lost_within_the_data_hold_time() -> None:
@@ -67,7 +67,7 @@ def test_silent_controller_is_lost_within_the_data_hold_time() -> None:
     wire.run(1000 * MS, lambda: not wire.device.connected)
     assert wire.now - since <= 24 * MS
     (lost,) = wire.reported(Disconnected)
-    assert lost.ended.code is AbortCode.DATA_HOLD
+    assert lost.ended.status == AbortCode.DATA_HOLD.status
     assert wire.plc.learned.error == 0xCF81FD05
 
 

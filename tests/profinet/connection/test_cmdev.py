@@ -46,7 +46,9 @@ P, C, A, D, X, END = (
     State.ACCESS,
     State.CLOSED,
 )
-ENDS = [*ABORTS]
+ENDS = [*ABORTS, Event.PEER_ERROR]
+RECEIVED = PnioStatus(0xCF, 0x81, 0xFD, 0x24)
+"""Of an alarm ERR from the controller."""
 EXPECTED: dict[State, dict[Event, State | None]] = {
     # Next state; None: the service is refused. What is not named leaves the state as it is.
     P: {Event.PRM_END: C, Event.PRM_BEGIN: None, **dict.fromkeys(ENDS, END)},
@@ -115,7 +117,7 @@ def test_every_state_and_event_leads_where_the_standard_says(state: State, event
 
     before = effect()
     wanted = EXPECTED[state].get(event, state)
-    accepted = item.handle(event, NOW)
+    accepted = item.handle(event, NOW, RECEIVED if event is Event.PEER_ERROR else None)
     if wanted is not END or state is END:
         assert effect() == EFFECTS.get((state, event), before)
     if wanted is None:
@@ -127,7 +129,7 @@ def test_every_state_and_event_leads_where_the_standard_says(state: State, event
     assert item.state is wanted
     if wanted is END and state is not END:
         assert item.ended is not None
-        assert item.ended.code is ABORTS[event]
+        assert item.ended.status == (RECEIVED if event is Event.PEER_ERROR else ABORTS[event].status)
         silent = state is X or event in {Event.RELEASE, Event.PEER_ERROR}
         assert bool(sink.frames) is not silent, "an alarm ERR tells the controller"
         assert not sink.datagrams
@@ -245,9 +247,7 @@ def pass_time(wire: Wire, ns: int) -> None:
 
 def ended(wire: Wire) -> AbortCode:
     (event,) = wire.reported(Disconnected)
-    code = event.ended.code
-    assert isinstance(code, AbortCode)
-    return code
+    return AbortCode(event.ended.status.code2)
 
 
 def test_without_prm_end_the_activity_time_ends_the_relationship() -> None:
@@ -302,7 +302,7 @@ def test_restarted_controller_replaces_its_old_relationship() -> None:
     wire.connect()
     wire.run(20 * MS)
     wire.connect()
-    assert [event.ended.code for event in wire.reported(Disconnected)] == [AbortCode.RE_RUN]
+    assert [event.ended.status for event in wire.reported(Disconnected)] == [AbortCode.RE_RUN.status]
     wire.run(S)
     assert wire.device.connected
 
