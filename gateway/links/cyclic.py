@@ -200,6 +200,8 @@ class CyclicEndpoint:
         self._refused: tuple[Verdict, Address, bytes] | None = None
         """The newest frame of the PLC that does not count, if none has counted since: why, its sender and its bytes."""
         self._refused_at = 0
+        self.lost_by: Finding | None = None
+        """Why the frames before the last loss did not count; None if there were none."""
         self._foreign: Address | None = None
         """Another sender than the PLC."""
         self._foreign_at = 0
@@ -226,7 +228,9 @@ class CyclicEndpoint:
             return repeated
         if not self.connected:
             if self._refused is not None and now - self._refused_at <= _NAMED_NS:
-                return self.why_refused(*self._refused)
+                found, (_, (host, _), _) = self.why_refused(*self._refused), self._refused
+                replaces = self._last_time and self.peer is not None and self.peer[0] != host
+                return found._replace(reason=Reason.OTHER_SENDER) if replaces else found
         elif not self._runs:
             return Finding.of(Reason.PLC_STOP)
         elif not any(item is not None for item in self.setpoints):
@@ -420,8 +424,10 @@ class CyclicEndpoint:
             self.setpoints[index] = None
 
     def _lose(self) -> None:
+        self.lost_by = None
         if self._refused is not None and self._refused_at - self._last_time > self._watchdog_ns >> 1:
-            self.losses.add(self._read_at, 0, self.why_refused(*self._refused))
+            self.lost_by = self.why_refused(*self._refused)
+            self.losses.add(self._read_at, 0, self.lost_by)
         else:
             self._refused = None  # a copy, or a frame that others have overtaken; silence is the cause
         self._connection = _LOST

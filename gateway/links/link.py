@@ -245,7 +245,7 @@ class UdpLink:
             return ""
         if not endpoint.connected:
             self._listen_to(None)
-        text, finding = silence(self._transport.watchdog_factor), endpoint.finding()
+        text, finding = silence(self._transport.watchdog_factor), endpoint.lost_by
         return endpoint.losses.report(text if finding is None else f"{text}: {finding.text}", now)
 
     def finding(self, index: int | None = None) -> Finding | None:

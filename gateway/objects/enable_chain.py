@@ -135,10 +135,13 @@ class _Chain:
 
     def breaks(self, reason: Reason, evidence: str = "", remedy: str = "") -> None:
         """The link of a reason is broken. Without ``evidence``, its fault or warning of the gateway names the details."""
-        if not evidence and (number := _OWN_FAULTS.get(reason)) is not None:
-            evidence = next((record.text for record in reversed(self.item.faults) if record.number == number), "")
+        if not evidence and (number := _OWN_FAULTS.get(reason)) is not None and (record := self._newest(number)):
+            evidence = record.text
         link = ChainLink(reason.enable, False, reason, evidence or reason.value, remedy or reason.remedy)
         self._links[reason.enable] = link
+
+    def _newest(self, number: FaultNumber) -> FaultRecord | None:
+        return next((record for record in reversed(self.item.faults) if record.number == number), None)
 
     def check_node(self, offline: Reason) -> bool:
         """Bus and node; False if the device cannot be checked."""
@@ -190,8 +193,8 @@ class _Chain:
     def check_plc(self, *, connected: bool, in_operation: bool, never: Reason, lost: bool) -> bool:
         """Whether its setpoints count. ``in_operation``: the object follows a connected PLC."""
         finding = self.item.link_finding()
-        if finding is not None and finding.reason is Reason.OTHER_SENDER and (connected or lost):
-            finding = None  # it does not stop the PLC
+        if finding is not None and finding.reason in (Reason.OTHER_SENDER, Reason.PLC_LOST) and (connected or lost):
+            finding = None  # another sender does not stop the PLC, and a loss is in the faults
         if connected and in_operation:
             finding = None  # repeated losses, which are over
         if self.item.gateway_stops:
@@ -200,6 +203,8 @@ class _Chain:
             self.breaks(*finding)
         elif connected:
             self.passes(Enable.PLC)
+        elif lost and (record := self._newest(FaultNumber.PLC_LOST)):
+            self.breaks(Reason.PLC_LOST, self.since(record))
         else:
             self.breaks(Reason.PLC_LOST if lost else never)
         return connected and not self.item.gateway_stops

@@ -136,8 +136,8 @@ class ProfinetLink:
         self.layout_token = object()
         self.recorder: FrameRecorder | None = None
         self.watchdog_expiries = 0
-        self._end = ""
-        """Reason of the end of the newest relationship with data exchange."""
+        self._end = self._owner = ""
+        """Reason of the end of the newest relationship with data exchange, and the address of its controller."""
         self._unreported = ""
         """Reason of a loss that the axes have not seen yet: until then no setpoints count."""
         self._keeper = StationKeeper(port, transport, store, loop)
@@ -290,19 +290,23 @@ class ProfinetLink:
             )
         return Finding.of(Reason.PLC_BAD) if self._receivable else None
 
-    def _without_relationship(self, now: int) -> Finding | None:
+    def _without_relationship(self, now: int) -> Finding:
         station = self.station
         if not station.link_up:
             text = f"the Ethernet cable of {self._config.transport.interface} is off"
             return Finding.of(
                 Reason.NO_RELATIONSHIP, text, "plug the cable; check the switch and the controller's port"
             )
-        if refused := self._keeper.refused(now):
-            return Finding.of(Reason.NO_RELATIONSHIP, refused)
+        refused = self._keeper.refused(now)
+        if refused is not None and self._owner in ("", refused.host):
+            return Finding.of(Reason.NO_RELATIONSHIP, refused.text)
         if not station.name:
             text = "this device has no name of station"
             return Finding.of(Reason.NO_RELATIONSHIP, text, "give it the name of the controller's project (DCP)")
-        return Finding.of(Reason.PLC_LOST, f"PLC lost: {self._end}") if self._end else None
+        if self._end:
+            beside = "" if refused is None else f"; {refused.text}"
+            return Finding.of(Reason.PLC_LOST, f"PLC lost: {self._end}{beside}")
+        return Finding.of(Reason.NO_RELATIONSHIP, f"no controller has connected to the name of station {station.name}")
 
     @property
     def age_ns(self) -> int | None:
@@ -529,7 +533,8 @@ class ProfinetLink:
                 self._consumer = consumer
                 self._order_mask = _order_mask(consumer, self._telegrams)
                 self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
-                self._end = ""
+                self._end = self._owner = ""
+                self._keeper.forget_refused()
                 if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
@@ -552,7 +557,8 @@ class ProfinetLink:
                 if relation is self._placed_for:
                     self._placed_for = self._places = None
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
-                self._end = f"the relationship has ended: {ended.text}"
+                self._end, self._owner = f"the relationship has ended: {ended.text}", relation.source[0]
+                self._keeper.forget_refused()
                 self._release()
                 self.lose_setpoints()
                 self._report_loss(self._end)

@@ -93,7 +93,7 @@ class StationKeeper:
         self._flashing_until = 0
         self._logged: Refused | None = None
         self._logged_at = 0
-        self._refused = ""
+        self._refused: Refused | None = None
         self._refused_at = 0
         self.address = IpSuite()
         """The address of the interface; one that was not set here belongs to another program."""
@@ -172,19 +172,22 @@ class StationKeeper:
             case Refused():
                 self._log_refused(event)
 
-    def refused(self, now: int) -> str:
-        """Why the newest Connect was rejected; empty if that was long ago, or if there was none."""
-        return self._refused if now - self._refused_at <= _NAMED_NS else ""
+    def refused(self, now: int) -> Refused | None:
+        """The newest Connect that was rejected; None if that was long ago, or before a relationship began or ended."""
+        return self._refused if now - self._refused_at <= _NAMED_NS else None
+
+    def forget_refused(self) -> None:
+        """A relationship begins or ends: what was rejected before does not explain what follows."""
+        self._refused = None
 
     def _log_refused(self, refused: Refused) -> None:
         """A controller repeats its Connect every few seconds, an unknown sender at any rate: log each reason, with a limit."""
         now = self._loop.now()
-        self._refused = f"Connect from {refused.host} rejected, {refused.status.text}: {refused.reason}"
-        self._refused_at = now
+        self._refused, self._refused_at = refused, now
         silent = _SAME_REFUSAL_NS if refused == self._logged else _OTHER_REFUSAL_NS
         if self._logged is None or now - self._logged_at >= silent:
             self._logged, self._logged_at = refused, now
-            log.error("%s", self._refused)
+            log.error("%s", refused.text)
 
     def keep(self, field: str, value: str | None) -> None:
         """Store without waiting for the disk."""

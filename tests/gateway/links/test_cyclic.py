@@ -410,3 +410,26 @@ def test_frames_that_did_not_count_are_no_longer_named_when_none_come() -> None:
     assert endpoint.finding() is not None
     endpoint.poll(11 * SECOND + 1)
     assert endpoint.finding() is None
+
+
+def test_frames_of_another_sender_are_not_the_cause_of_a_later_silence() -> None:
+    endpoint = device()
+    connect(endpoint)
+    assert endpoint.receive(frame(5), ("10.0.0.7", 1), MS) is Verdict.FOREIGN_SENDER
+    assert endpoint.receive(frame(1 + STEP), PLC, CYCLE) is Verdict.ACCEPTED
+    assert endpoint.poll(5 * CYCLE)
+    assert endpoint.lost_by is None
+
+
+def test_frames_of_another_sender_after_a_loss_do_not_explain_it() -> None:
+    endpoint = device()
+    connect(endpoint, at=CYCLE)
+    assert endpoint.poll(10 * CYCLE)
+    assert endpoint.receive(b"", ("10.0.0.7", 1), 11 * CYCLE) is Verdict.TRUNCATED
+    finding = endpoint.finding()
+    assert finding is not None
+    assert finding.reason is Reason.OTHER_SENDER
+    assert endpoint.receive(b"", PLC, 12 * CYCLE) is Verdict.TRUNCATED
+    finding = endpoint.finding()
+    assert finding is not None
+    assert finding.reason is Reason.FRAME_LAYOUT

@@ -1,0 +1,167 @@
+"""The cause of a loss of the controller: what ended its data, not what somebody else tried before or after."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.service.status import explanation, snapshot
+from pdgw.peers.controller.controller import IoController
+from pdgw.profinet import ethernet
+from pdgw.profinet.alarms import apmx
+from pdgw.profinet.alarms.apmx import PduType
+from pdgw.profinet.blocks.alarm import Priority
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
+from pdgw.profinet.station import Identity, Station
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.profinet_daemon import Plant, configuration, plant
+from tests.support.wire.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
+
+OTHER_IP, OTHER_MAC = "192.168.0.77", bytes.fromhex("020000000077")
+"""Of another controller."""
+
+
+@contextmanager
+def turning(folder: Path) -> Iterator[Plant]:
+    """The controller drives axis 1."""
+    with plant(configuration(axis(1), folder / "store.json")) as site:
+        drives(site)
+        yield site
+
+
+def drives(site: Plant) -> None:
+    site.connect()
+    site.enable(1, 0x1000)
+
+
+def try_to_connect(site: Plant, host: str = OTHER_IP, mac: bytes = OTHER_MAC, **project: object) -> None:
+    """One Connect of a controller, which the device refuses."""
+    before = site.link.device.cm.refusals
+    other = IoController(
+        Station(Identity(mac, 1, 1, "plc", "PLC"), "plc-2"), replace(site.plc.project, **project), DEVICE_IP, seed=9
+    )
+    other.learned.mac, other.learned.ip = DEVICE_MAC, DEVICE_IP
+    other._services.device = site.link.device.cm._object
+    other._connect(site.loop.now())
+    site.others[host, ACYCLIC_PORT] = deque()
+    for _, data in other.outgoing():
+        site.port.datagrams.append((bytes(data), (host, ACYCLIC_PORT)))
+        site.port.on_other()
+    site.run(20 * MS)
+    del site.others[host, ACYCLIC_PORT]
+    assert site.link.device.cm.refusals == before + 1
+
+
+def refuse_wrong_tag(site: Plant) -> None:
+    """The owner's first Connect has a watchdog that is not allowed."""
+    try_to_connect(site, PLC_IP, PLC_MAC, data_hold=0)
+
+
+def fall_silent(site: Plant) -> None:
+    site.killed = True
+
+
+def release(site: Plant) -> None:
+    site.plc.release(site.loop.now())
+
+
+def abort(code: int) -> Callable[[Plant], None]:
+    """The controller ends with an alarm ERR of this code."""
+
+    def act(site: Plant) -> None:
+        relation = site.link.device.relation
+        assert relation is not None
+        content = bytes((0xCF, 0x81, 0xFD, code))
+        reference = site.plc.project.alarm().reference
+        pdu = apmx.encode(Priority.LOW, relation.reference, reference, PduType.ERR, 0xFFFE, 0xFFFF, content)
+        site.port.arrive(None, ethernet.frame(DEVICE_MAC, PLC_MAC, pdu, tag=0xA000))
+        site.killed = True
+
+    return act
+
+
+def sentence(site: Plant) -> str:
+    text = snapshot(site.daemon)["axes"][0]["sentence"]
+    assert isinstance(text, str)
+    return text
+
+
+def loss(site: Plant) -> str:
+    """The text of fault 103."""
+    return next(item.text for item in site.daemon.axes[0].faults if item.number == FaultNumber.PLC_LOST)
+
+
+def told(site: Plant) -> list[str]:
+    """What ``pdgw explain`` prints."""
+    return [line["text"] for line in explanation(site.daemon, site.daemon.objects)]
+
+
+@pytest.mark.parametrize("way", [fall_silent, release], ids=lambda way: way.__name__)
+def test_a_refused_controller_is_not_the_cause_of_a_later_loss(tmp_path: Path, way: Callable[[Plant], None]) -> None:
+    with turning(tmp_path) as site:
+        site.run(SECOND)
+        try_to_connect(site)
+        site.run(SECOND)
+        way(site)
+        for seconds in (1, 20):
+            site.run(seconds * SECOND)
+            assert sentence(site).startswith("Waits: PLC lost: ")
+            assert ", since " in sentence(site)
+            assert "rejected" not in " ".join((sentence(site), loss(site), *told(site)))
+
+
+def test_another_refused_controller_stays_beside_the_silence_of_the_owner(tmp_path: Path) -> None:
+    with turning(tmp_path) as site:
+        fall_silent(site)
+        site.run(2 * SECOND)
+        try_to_connect(site, data_hold=0)
+        assert sentence(site).startswith("Waits: PLC lost: no valid frame for 3 cycles, since ")
+        assert f"Connect from {OTHER_IP} rejected" in snapshot(site.daemon)["plc"]["refused"]
+
+
+def test_a_refusal_of_the_owner_after_its_loss_is_the_cause(tmp_path: Path) -> None:
+    with turning(tmp_path) as site:
+        fall_silent(site)
+        site.run(2 * SECOND)
+        refuse_wrong_tag(site)
+        assert "rejected" in sentence(site)
+
+
+@pytest.mark.parametrize("way", [fall_silent, release], ids=lambda way: way.__name__)
+def test_a_refused_connect_ends_with_a_good_relationship(tmp_path: Path, way: Callable[[Plant], None]) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json")) as site:
+        refuse_wrong_tag(site)
+        assert "rejected" in sentence(site)
+        drives(site)
+        way(site)
+        site.run(2 * SECOND)
+        assert "PLC lost" in sentence(site)
+        assert "rejected" not in sentence(site) + loss(site)
+
+
+@pytest.mark.parametrize("code", [0x24, 0x19, 0x02, 0x0B, 0x15], ids="{:02X}".format)
+def test_a_received_err_is_kept_as_it_was_on_the_wire(tmp_path: Path, code: int) -> None:
+    with turning(tmp_path) as site:
+        abort(code)(site)
+        site.run(SECOND)
+        wanted = f"CF 81 FD {code:02X}"
+        assert wanted in sentence(site)
+        assert wanted in loss(site)
+        assert any(wanted in text for text in told(site))
+        (entry,) = site.link.device.cm.records.log
+        assert entry.status == 0xCF81FD00 | code
+
+
+def test_before_any_connect_the_remedy_is_that_of_profinet(tmp_path: Path) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json")) as site:
+        site.run(SECOND)
+        assert "no controller has connected to the name of station press-1" in sentence(site)
+        assert "modules and telegrams of the controller's project" in sentence(site)
+        assert "port" not in sentence(site)
