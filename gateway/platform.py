@@ -11,7 +11,8 @@ from typing import Protocol
 
 import can
 
-from pdgw.ds301.bus.port import CanPort, open_bus, open_port
+from pdgw.ds301.bus.interfaces import open_bus
+from pdgw.ds301.bus.port import CanPort, open_port
 from pdgw.ds301.loop.loop import Loop, SystemLoop
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.links.udp import Address, UdpSocket

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 from pathlib import Path
 
 from pdgw.ds301.aborts import CanopenError
@@ -16,33 +14,19 @@ from pdgw.gateway.configuration.toml_file import problem_text, read_text
 
 
 def references_wrong(config: GatewayConfig, path: Path) -> list[str]:
-    """One line for each CAN interface python-can does not know and each data sheet that cannot be used."""
+    """One line for each CAN interface that cannot be opened on this machine and each data sheet that cannot be used."""
     text = read_text(path)
     found = [*_interfaces(config), *_sheets("axis", config.axis), *_sheets("encoder", config.encoder)]
     return [problem_text(problem, text, str(path), SECTIONS) for problem in found]
 
 
 def _interfaces(config: GatewayConfig) -> Iterator[Problem]:
+    from pdgw.ds301.bus.interfaces import obstacle  # noqa: PLC0415 (slow to load)
+
     for number, bus in enumerate(config.can):
-        wrong = _interface(bus.interface)
+        wrong = obstacle(bus.interface)
         if wrong:
             yield Problem(("can", number, "interface"), repr(bus.interface), wrong)
-
-
-def _interface(name: str) -> str:
-    """Why an interface of python-can cannot be used on this machine; empty when it can."""
-    from can.interfaces import BACKENDS  # noqa: PLC0415 (slow to load)
-
-    if name not in BACKENDS:
-        close = difflib.get_close_matches(name, BACKENDS, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
-        return f"not an interface of python-can; {hint}allowed: {', '.join(sorted(BACKENDS))}"
-    module, attribute = BACKENDS[name]
-    try:
-        getattr(import_module(module), attribute)
-    except Exception as error:  # drivers raise any exception when their library or system is missing
-        return f"the driver cannot be loaded on this machine ({type(error).__name__}: {error})"
-    return ""
 
 
 def _sheets(section: str, items: Sequence[AxisConfig | EncoderConfig]) -> Iterator[Problem]:

@@ -16,7 +16,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from pdgw.ds301.aborts import CanopenError
-from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.objects import DRIVE_FAULTS

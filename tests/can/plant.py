@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.file import parse_config

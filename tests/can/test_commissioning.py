@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.gateway.commissioning.scan import Scan
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.file import parse_config

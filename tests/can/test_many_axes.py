@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.bus.port import open_bus, open_port
+from pdgw.ds301.bus.port import open_port
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand

@@ -8,7 +8,7 @@ import threading
 import can
 import pytest
 
-from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.communication import EMCY
 from pdgw.ds301.loop.readiness import EpollReadiness
 from pdgw.ds301.pdo import PdoDirection

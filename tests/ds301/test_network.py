@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, Receiver, open_bus, open_port
+from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, Receiver, open_port
 from pdgw.ds301.communication import NMT
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND

@@ -16,7 +16,8 @@ from can.interfaces.socketcan import SocketcanBus
 
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import pack_frame
-from pdgw.ds301.bus.port import SocketPort, open_bus, open_port, system_text
+from pdgw.ds301.bus.interfaces import open_bus, system_text
+from pdgw.ds301.bus.port import SocketPort, open_port
 from pdgw.ds301.loop.loop import SystemLoop
 from tests.support import buses
 

@@ -11,7 +11,7 @@ import pytest
 from canopen.objectdictionary import ODVariable
 
 from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, SdoCommunicationError
-from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.communication import NMT, STORE_PARAMETERS, NmtCommand
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.objects import CanType, Entry
@@ -310,8 +310,8 @@ def test_any_exception_of_a_driver_names_the_interface(monkeypatch: pytest.Monke
         raise KeyError
 
     monkeypatch.setattr("can.Bus", broken)
-    with pytest.raises(CanopenError, match=r"CAN interface: 'slcan channel ttyACM0' is not .*\(KeyError\)"):
-        open_bus("slcan", "ttyACM0")
+    with pytest.raises(CanopenError, match=r"CAN interface: 'virtual channel ttyACM0' cannot be opened: KeyError"):
+        open_bus("virtual", "ttyACM0")
 
 
 # -- what a node's task must not do permanently -----------------------------------------------------------------------------

@@ -9,8 +9,9 @@ from contextlib import contextmanager
 
 import can
 
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.bus.port import open_bus, open_port
+from pdgw.ds301.bus.port import open_port
 from pdgw.ds301.loop.loop import Loop, SystemLoop
 from pdgw.durations import MS
 

@@ -10,7 +10,7 @@ from subprocess import CompletedProcess
 import pytest
 from typer.testing import CliRunner
 
-from pdgw.ds301.bus.port import open_bus
+from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.objects import Access, Entry
 from pdgw.dsp406.device import device_info, encoder_objects

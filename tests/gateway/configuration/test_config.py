@@ -343,6 +343,11 @@ RUBBISH = "\n".join(["[DeviceInfo]", "VendorName=nobody"])
             '"soketcan"',
             "c.toml:2: [[can]] number 1 interface = 'soketcan': not an interface of python-can; did",
         ),
+        (
+            '"socketcan"',
+            '"nican"',
+            "c.toml:2: [[can]] number 1 interface = 'nican': works only on Windows, with its driver: NI-CAN",
+        ),
         ("simulate = true", 'eds = "r.eds"', "c.toml:22: [[axis]] number 1 eds = "),
     ],
 )

@@ -73,7 +73,7 @@ def _frames(raw: socket.socket, name: str) -> Iterator[Packet]:
 
 def open_can(text: str) -> Source:
     """A python-can bus given as ``interface:channel`` or ``interface:channel@bitrate``; CanopenError when out of reach."""
-    from pdgw.ds301.bus.port import open_bus  # noqa: PLC0415 (python-can is slow to load, and captures do without)
+    from pdgw.ds301.bus.interfaces import open_bus  # noqa: PLC0415 (python-can is slow to load, and captures do without)
 
     interface, _, rest = text.partition(":")
     channel, _, rate = rest.rpartition("@") if "@" in rest else (rest, "", "")
