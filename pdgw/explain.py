@@ -6,8 +6,10 @@ so that the message names the place.
 
 from __future__ import annotations
 
+import re
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
@@ -15,28 +17,38 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from pdgw.phrases import did_you_mean
-
 Location = tuple[str | int, ...]
 
 _PLACED = "placed"
 _RANGES = ("greater_than", "less_than")
-_INTEGER, _NUMBER = "an integer", "a number"
+_BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
+_INTEGER, _NUMBER, _LIST, _TABLE = "an integer", "a number", "a list", "keys with values"
+_BOOLEAN, _TEXT = "a boolean (true or false)", "a text in quotation marks"
 _EXPECTED = {
     "int_type": _INTEGER,
     "int_from_float": _INTEGER,
     "int_parsing": _INTEGER,
     "float_type": _NUMBER,
     "float_parsing": _NUMBER,
-    "bool_type": "a boolean (true or false)",
-    "bool_parsing": "a boolean (true or false)",
-    "string_type": "a text",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "dict_type": "keys with values",
-    "model_type": "keys with values",
-    "model_attributes_type": "keys with values",
+    "bool_type": _BOOLEAN,
+    "bool_parsing": _BOOLEAN,
+    "string_type": _TEXT,
+    "path_type": _TEXT,
+    "list_type": _LIST,
+    "tuple_type": _LIST,
+    "dict_type": _TABLE,
+    "model_type": _TABLE,
+    "model_attributes_type": _TABLE,
+    "ip_v4_address": 'an IPv4 address such as "192.168.0.2"',
+    "ip_v4_interface": 'an IPv4 address with its prefix length such as "192.168.0.2/24"',
+    "ip_v4_network": 'an IPv4 address or network such as "192.168.0.0/24"',
 }
+_SHOWN = 6
+"""Number of allowed keys in the error of an unknown one."""
+_SURE = 0.8
+"""A key this similar to one of its table is a typing error, also if another table has it."""
+_GIVEN = re.compile(r"\{(\w+)\|(.*?)\}")
+"""``{key|default}``: the user's value of a removed key."""
 
 
 class Problem(NamedTuple):
@@ -65,85 +77,111 @@ def problems(
 ) -> list[Problem]:
     """Everything that is wrong with what should be a ``root``; all that a value could have been instead is one problem.
 
-    ``removed``: keys of earlier versions ("transport.example") with the version of their end and the reason.
+    ``removed``: keys of earlier versions ("transport.example") with the version of their end and the reason. It can contain
+    values of removed keys of the same table, ``{key|default}``.
     """
-    found: dict[tuple[Location, str], list[ErrorDetails]] = {}
+    found: dict[tuple[Location, str], tuple[_Place, list[ErrorDetails]]] = {}
     for detail in error.errors(include_url=False):
-        context = detail.get("ctx", {})
-        if detail["type"] == _PLACED:
-            key = ((*_without_tags(detail["loc"], root), *context["location"]), _PLACED)
-        else:
-            key = (_without_tags(detail["loc"], root), "missing" if detail["type"] == "missing" else "")
-        found.setdefault(key, []).append(detail)
+        place = _place(detail["loc"], root)
+        kind = detail["type"] if detail["type"] in {_PLACED, "missing"} else ""
+        further = detail["ctx"]["location"] if kind == _PLACED else ()
+        found.setdefault(((*place.location, *further), kind), (place, []))[1].append(detail)
+    given = {location: details[0]["input"] for (location, _), (_, details) in found.items()}
     result = []
-    for (location, kind), details in found.items():
+    for (location, kind), (place, details) in found.items():
         if kind == _PLACED:
             result += [Problem(location, "", detail["ctx"]["text"], names_key=True) for detail in details]
+        elif reason := removed.get(".".join(part for part in location if isinstance(part, str))):
+            result.append(Problem(location, "", f"was removed in {_with_values(reason, location[:-1], given)}"))
         else:
-            result.append(_problem(location, details, root, removed))
-    return result
+            result.append(_problem(place, details, root))
+    return list(dict.fromkeys(result))
 
 
-def _problem(
-    location: Location, details: list[ErrorDetails], root: type[BaseModel], removed: Mapping[str, str]
-) -> Problem:
+def _with_values(reason: str, table: Location, given: Mapping[Location, Any]) -> str:
+    return _GIVEN.sub(lambda match: repr(given[place]) if (place := (*table, match[1])) in given else match[2], reason)
+
+
+def _problem(place: _Place, details: list[ErrorDetails], root: type[BaseModel]) -> Problem:
     first = details[0]
     if first["type"] == "missing":
-        return Problem(location, "", "is missing")
+        return _missing(place, first["input"])
     if first["type"] == "extra_forbidden":
-        reason = removed.get(".".join(part for part in location if isinstance(part, str)))
-        if reason is not None:
-            return Problem(location, "", f"was removed in {reason}")
-        model = _model_at(location[:-1], root)
-        known = list(model.model_fields) if model else []
-        hint = did_you_mean(str(location[-1]), known)
-        return Problem(location, "", f"unknown key{hint} (allowed: {', '.join(known)})")
-    field = _field_at(location, root)
-    expected = list(dict.fromkeys(_EXPECTED[detail["type"]] for detail in details if detail["type"] in _EXPECTED))
+        return Problem(place.location, "", f"unknown key{_suggestion(place, root)}")
+    value, allowed = first["input"], _allowed(place.field)
+    expected = dict.fromkeys(_EXPECTED[detail["type"]] for detail in details if detail["type"] in _EXPECTED)
     if len(expected) < len({detail["type"] for detail in details}):
-        texts = dict.fromkeys(_text(detail, field) for detail in details if detail["type"] not in _EXPECTED)
-        return Problem(location, _shown(first["input"]), " or ".join(texts))
-    nouns = [noun for noun in expected if noun != _INTEGER or _NUMBER not in expected]
-    allowed = _range(field) if field is not None else ""
-    text = f"expected {' or '.join(nouns)}" + (f", allowed: {allowed}" if allowed else "")
-    return Problem(location, _shown(first["input"]), text)
+        texts = dict.fromkeys(_text(detail, allowed) for detail in details if detail["type"] not in _EXPECTED)
+        text = " or ".join(texts)
+    else:
+        nouns = [noun for noun in expected if noun != _INTEGER or _NUMBER not in expected]
+        text = f"expected {' or '.join(nouns)}{allowed}"
+    shown = "" if isinstance(value, dict | list | tuple | BaseModel) else repr(value)
+    return Problem(place.location, shown, text)
 
 
-def _shown(value: Any) -> str:
-    return "" if isinstance(value, dict | list | tuple | BaseModel) else repr(value)
-
-
-def _text(detail: ErrorDetails, field: FieldInfo | None) -> str:
+def _text(detail: ErrorDetails, allowed: str) -> str:
     kind = detail["type"]
     context = detail.get("ctx", {})
     if kind in {"enum", "literal_error"}:
         return f"allowed: {context['expected']}"
-    allowed = _range(field) if field is not None else ""
     if kind == "finite_number":
-        return "expected a finite number" + (f", allowed: {allowed}" if allowed else "")
+        return f"expected a finite number{allowed}"
     if kind.startswith(_RANGES) and allowed:
-        return f"allowed: {allowed}"
+        return allowed.removeprefix(", ")
     if kind == "too_short" and context.get("actual_length") == 0:
         return "at least one is needed"
     return detail["msg"].removeprefix("Value error, ")
 
 
+def _missing(place: _Place, given: Any) -> Problem:
+    """A mandatory key that is missing, or the misspelt one in its place."""
+    *table, key = place.location
+    for misspelt in get_close_matches(
+        str(key), [name for name in given if isinstance(given, dict) and name not in place.keys], 1
+    ):
+        return Problem((*table, misspelt), "", f"unknown key; did you mean {key}?")
+    return Problem(place.location, "", "is missing" + _allowed(place.field))
+
+
+def _suggestion(place: _Place, root: type[BaseModel]) -> str:
+    """The most similar key of this table or of any one, else some keys of this one."""
+    key, tables = str(place.location[-1]), list(_tables(root))
+    everywhere = [name for _, keys in tables for name in keys]
+    sure = get_close_matches(key, place.keys, 1, _SURE) or get_close_matches(key, everywhere, 1, _SURE)
+    for similar in sure or get_close_matches(key, place.keys, 1):
+        paths = [f" in [{path}]" if path else " before the first table" for path, keys in tables if similar in keys]
+        return f"; did you mean {similar}{'' if similar in place.keys else ' or'.join(paths)}?"
+    nearest = get_close_matches(key, place.keys, _SHOWN, 0)
+    others = len(place.keys) - len(nearest)
+    shown = ", ".join(name for name in place.keys if name in nearest)
+    return f" (allowed: {shown}{f' and {others} others' if others else ''})"
+
+
+def _tables(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, Mapping[str, FieldInfo]]]:
+    """Every table of a file by its path, with its keys."""
+    yield path, model.model_fields
+    for key, field in model.model_fields.items():
+        inner = _model_in(field.annotation)
+        if inner is not None:
+            yield from _tables(inner, f"{path}.{key}".lstrip("."))
+
+
 # -- ranges -------------------------------------------------------------------------------------------------------------
 
 
-def _range(field: FieldInfo) -> str:
-    """``1 to 126``, as far as the field's constraints say it."""
+def _allowed(field: FieldInfo | None) -> str:
+    """``, allowed: 1 to 126``, as far as the field's constraints say it."""
     bounds: dict[str, Any] = {}
-    for item in (*field.metadata, *_metadata(field.annotation)):
-        for name in ("ge", "gt", "le", "lt"):
+    for item in () if field is None else (*field.metadata, *_metadata(field.annotation)):
+        for name in _BOUNDS:
             value = getattr(item, name, None)
             if value is not None:
                 bounds.setdefault(name, value)
-    low = f"{bounds['ge']}" if "ge" in bounds else f"more than {bounds['gt']}" if "gt" in bounds else ""
-    high = f"{bounds['le']}" if "le" in bounds else f"less than {bounds['lt']}" if "lt" in bounds else ""
-    if low and high:
-        return f"{low} to {high}"
-    return f"at most {high}" if high else f"at least {low}" if "ge" in bounds else low
+    if {"ge", "le"} <= bounds.keys():
+        return f", allowed: {bounds['ge']} to {bounds['le']}"
+    shown = " and ".join(f"{_BOUNDS[name]} {value}" for name, value in bounds.items())
+    return shown and f", allowed: {shown}"
 
 
 def _metadata(annotation: Any) -> Iterator[Any]:
@@ -159,44 +197,31 @@ def _metadata(annotation: Any) -> Iterator[Any]:
 # -- the way through the models -----------------------------------------------------------------------------------------
 
 
-def _without_tags(location: Location, root: type[BaseModel]) -> Location:
-    """The keys of a location: pydantic also puts in which member of a union it tried."""
+class _Place(NamedTuple):
+    """A key, the keys of its table, and its field if it is known; of an item of a list, the list's."""
+
+    location: Location
+    keys: Set[str]
+    field: FieldInfo | None
+
+
+def _place(location: Location, root: type[BaseModel]) -> _Place:
+    """Without what pydantic puts in: which member of a union it tried."""
     kept: list[str | int] = []
+    keys: Set[str] = frozenset()
     annotation: Any = root
-    for position, part in enumerate(location):
+    field: FieldInfo | None = None
+    for position, part in enumerate(location, 1):
         model = _model_in(annotation)
-        last = position == len(location) - 1
-        if isinstance(part, int) or _is_mapping(annotation):
-            kept.append(part)
+        if isinstance(part, int) or any(get_origin(member) in {dict, Mapping} for member in _members(annotation)):
             annotation = _items_of(annotation)
-        elif model is not None and part in model.model_fields:
-            kept.append(part)
-            annotation = _annotation(model.model_fields[part])
-        elif model is not None and last:
-            kept.append(part)  # an unknown key
-    return tuple(kept)
-
-
-def _field_at(location: Location, root: type[BaseModel]) -> FieldInfo | None:
-    model = _model_at(location[:-1], root)
-    return model.model_fields.get(str(location[-1])) if model is not None and location else None
-
-
-def _model_at(location: Location, root: type[BaseModel]) -> type[BaseModel] | None:
-    annotation: Any = root
-    for part in location:
-        model = _model_in(annotation)
-        if isinstance(part, int) or _is_mapping(annotation):
-            annotation = _items_of(annotation)
-        elif model is not None and part in model.model_fields:
-            annotation = _annotation(model.model_fields[part])
+        elif model is not None and (part in model.model_fields or position == len(location)):
+            keys, field = model.model_fields.keys(), model.model_fields.get(part)
+            annotation = field and field.annotation
         else:
-            return None
-    return _model_in(annotation)
-
-
-def _annotation(field: FieldInfo) -> Any:
-    return field.annotation
+            continue
+        kept.append(part)
+    return _Place(tuple(kept), keys, field)
 
 
 def _items_of(annotation: Any) -> Any:
@@ -207,18 +232,15 @@ def _items_of(annotation: Any) -> Any:
     return annotation
 
 
-def _is_mapping(annotation: Any) -> bool:
-    return any(get_origin(part) in {dict, Mapping} for part in _members(annotation))
-
-
 def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The table that a value, or each item of it, is."""
     for part in _members(annotation):
         if isinstance(part, type) and issubclass(part, BaseModel):
             return part
-        if get_origin(part) in {list, tuple}:
-            inner = _model_in(get_args(part)[0])
-            if inner is not None:
-                return inner
+        items = _items_of(part)
+        inner = None if items is part else _model_in(items)
+        if inner is not None:
+            return inner
     return None
 
 

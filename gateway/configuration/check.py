@@ -9,7 +9,6 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.explain import Problem
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
-from pdgw.gateway.configuration.file import SECTIONS
 from pdgw.gateway.configuration.toml_file import problem_text, read_text
 
 
@@ -17,7 +16,7 @@ def references_wrong(config: GatewayConfig, path: Path) -> list[str]:
     """One line for each CAN interface that cannot be opened on this machine and each data sheet that cannot be used."""
     text = read_text(path)
     found = [*_interfaces(config), *_sheets("axis", config.axis), *_sheets("encoder", config.encoder)]
-    return [problem_text(problem, text, str(path), SECTIONS) for problem in found]
+    return [problem_text(problem, text, str(path)) for problem in found]
 
 
 def _interfaces(config: GatewayConfig) -> Iterator[Problem]:

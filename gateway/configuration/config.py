@@ -67,10 +67,6 @@ Place = tuple[str, int]
 """Section and number of its table."""
 
 
-def _standstill(value: object) -> object:
-    return Fraction(str(value)) / 100 if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
 def _fraction(value: object) -> object:
     """A number as it is written (0.1 is a tenth), or a ratio such as "10/3"."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -79,6 +75,12 @@ def _fraction(value: object) -> object:
         return Fraction(str(value).replace(" ", ""))
     except (ValueError, ZeroDivisionError) as error:
         raise ValueError(f'{value!r} is not a number or ratio, expected for example 3000, 0.5 or "10/3"') from error
+
+
+def _percent(value: object) -> object:
+    """A number in percent; a fraction stays one."""
+    found = _fraction(value)
+    return found / 100 if isinstance(found, Fraction) and found is not value else found
 
 
 Ratio = Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0, le=10**12)]
@@ -115,7 +117,7 @@ class AxisConfig(DriveObjectSection):
     intermediate_stop_reached: Boolean = _AXIS.intermediate_stop_reached
     simulate: Simulated = False
     ramp_stop_resume: Boolean = _AXIS.ramp_stop_resume
-    standstill_window_percent: Annotated[Fraction, BeforeValidator(_standstill), Field(gt=0, le=Fraction(1, 2))] = (
+    standstill_window_percent: Annotated[Fraction, BeforeValidator(_percent), Field(gt=0, le=Fraction(1, 2))] = (
         _AXIS.standstill_window
     )
     tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] = _NODE.tpdo_event_ms
@@ -170,7 +172,7 @@ class AxisConfig(DriveObjectSection):
         try:
             check_unit_keys(self.units)
         except Dsp402Error as error:
-            raise ValueError(str(error)) from error
+            raise misplaced(str(error), error.field) from error
         return self
 
     @model_validator(mode="after")
@@ -184,23 +186,25 @@ class AxisConfig(DriveObjectSection):
     @model_validator(mode="after")
     def _dsc_is_complete(self) -> AxisConfig:
         if self.telegram in DSC_TELEGRAM_NUMBERS and (self.dsc is None or self.following_window is None):
-            raise ValueError(f'telegram = {self.telegram} needs dsc = "position" or "speed", and following_window')
+            text = f'telegram = {self.telegram} needs dsc = "position" or "speed", and following_window'
+            raise misplaced(text, "telegram")
         return self
 
     @model_validator(mode="after")
     def _positioner_is_complete(self) -> AxisConfig:
         if self.positioner is None:
             if self.telegram in POSITIONER_TELEGRAM_NUMBERS:
-                raise ValueError(f"telegram = {self.telegram} needs [axis.positioner]")
+                raise misplaced(f"telegram = {self.telegram} needs [axis.positioner]", "telegram")
             if self.block:
-                raise ValueError("[[axis.block]] needs [axis.positioner]")
+                raise misplaced("[[axis.block]] needs [axis.positioner]", "block")
             return self
         if self.telegram in FLOAT_TELEGRAM_NUMBERS and not self.positioner.has_unit:
-            raise ValueError(f"telegram = {self.telegram} needs lu_per_unit and velocity_per in [axis.positioner]")
+            text = f"telegram = {self.telegram} needs lu_per_unit and velocity_per in [axis.positioner]"
+            raise misplaced(text, "telegram")
         try:
             self.positioner.choices(self.block)
         except GatewayError as error:
-            raise ValueError(str(error)) from error
+            raise misplaced(str(error), "block") from error
         return self
 
     def settings_at(self, cycle_time_ms: float) -> AxisSettings:

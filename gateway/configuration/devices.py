@@ -222,16 +222,18 @@ class PositionerConfig(BaseModel):
     @model_validator(mode="after")
     def _modulo_is_complete(self) -> PositionerConfig:
         if self.modulo_range and self.software_limits is not None:
-            raise ValueError("software_limits: not allowed with modulo_range, because such an axis has no end")
+            text = "software_limits: not allowed with modulo_range, because such an axis has no end"
+            raise misplaced(text, "software_limits")
         if self.modulo_range and not 0 <= self.reference_coordinate < self.modulo_range:
             text = f"reference_coordinate = {self.reference_coordinate}: allowed 0 to {self.modulo_range - 1}"
-            raise ValueError(f"{text} with modulo_range")
+            raise misplaced(f"{text} with modulo_range", "reference_coordinate")
         return self
 
     @model_validator(mode="after")
     def _limits_have_room(self) -> PositionerConfig:
         if self.software_limits is not None and self.software_limits[0] >= self.software_limits[1]:
-            raise ValueError(f"software_limits = {list(self.software_limits)}: the first must be below the second")
+            text = f"software_limits = {list(self.software_limits)}: the first must be below the second"
+            raise misplaced(text, "software_limits")
         return self
 
     def choices(self, blocks: tuple[BlockConfig, ...]) -> PositionerChoices:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -44,10 +45,23 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+def in_words(pattern: str, allowed: str) -> AfterValidator:
+    """A text that the pattern matches as a whole. ``allowed`` says the same to the user."""
+
+    def check(text: str) -> str:
+        if re.fullmatch(pattern, text) is None:
+            raise ValueError(f"allowed: {allowed}")
+        return text
+
+    return AfterValidator(check)
+
+
 DisplayName = Annotated[
-    str, Field(pattern=r"^[^\s/+#\"\x00-\x1f]([^/+#\"\x00-\x1f]*[^\s/+#\"\x00-\x1f])?$", max_length=40)
+    str,
+    in_words(r"(?!\s)[^/+#\"\x00-\x1f]{1,40}(?<!\s)", '1 to 40 characters without / + # and ", no space at either end'),
 ]
 """A name that people gave; without what separates topics and quotes."""
+Community = Annotated[str, in_words("[!-~]{1,32}", "1 to 32 letters, digits and marks of ASCII, without spaces")]
 
 
 class DriveObjectSection(Section):
@@ -105,15 +119,17 @@ class TransportConfig(Section):
     """The transport to the PLC."""
 
     type: Literal["udp", "profinet"] = "udp"
-    interface: Annotated[str, Field(min_length=1, max_length=15)] | None = None
+    interface: Annotated[str, in_words(r"\S{1,15}", "the name of a network interface, 1 to 15 characters")] | None = (
+        None
+    )
     """Ethernet interface of ``profinet``."""
     ip: IPv4Interface | None = None
     """A fixed address with its prefix length; without it the controller or engineering tool gives one by DCP."""
     router: IPv4Address | None = None
     """The IP suite's standard gateway, with a fixed address."""
-    snmp_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
+    snmp_community: Community | None = None
     """Community of the SNMP agent (``profinet``), usually "public"; None: no agent."""
-    snmp_write_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
+    snmp_write_community: Community | None = None
     """Community that may write sysContact, sysName and sysLocation; None: none."""
     vendor_id: DeviceNumber = identity.VENDOR_ID
     device_id: DeviceNumber = identity.DEVICE_ID

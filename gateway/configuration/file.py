@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from pdgw.explain import Problem, problems
 from pdgw.gateway.axis.telegrams import (
@@ -21,8 +21,7 @@ from pdgw.gateway.axis.telegrams import (
 )
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig, Item
 from pdgw.gateway.configuration.defaults import SIMULATED_BLOCKS, SIMULATED_ENCODER_TELEGRAM, SIMULATED_KEYS
-from pdgw.gateway.configuration.devices import EncoderConfig, TelegramConfig
-from pdgw.gateway.configuration.environment import CanConfig, ParametersConfig, TraceConfig, TransportConfig
+from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.toml_file import parse_toml, problem_text, read_text, toml_text
 from pdgw.gateway.configuration.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
@@ -92,22 +91,10 @@ def simulated(
 
 
 FileSection = TypeVar("FileSection", WebConfig, MqttConfig)
-SECTIONS: dict[str, type[BaseModel]] = {
-    "telegram": TelegramConfig,
-    "can": CanConfig,
-    "transport": TransportConfig,
-    "parameters": ParametersConfig,
-    "trace": TraceConfig,
-    "web": WebConfig,
-    "mqtt": MqttConfig,
-    "axis": AxisConfig,
-    "encoder": EncoderConfig,
-}
-"""The models of the file's tables."""
 _SDO_INTERVAL: Final = "0.9.0: the plan of the bus leaves room for SDOs; delete the key"
-_JOG: Final = "0.9.0: jog_speeds_rpm = [-100, 100] has both speeds"
-_JOG_DISTANCES: Final = "0.9.0: jog_distances = [1000, 1000] has both distances"
-_JOG_VELOCITIES: Final = "0.9.0: jog_velocities = [-300, 300] has both velocities"
+_JOG: Final = "0.9.0: write jog_speeds_rpm = [{jog_1_speed_rpm|0}, {jog_2_speed_rpm|0}]"
+_JOG_DISTANCES: Final = "0.9.0: write jog_distances = [{jog_1_distance|0}, {jog_2_distance|0}]"
+_JOG_VELOCITIES: Final = "0.9.0: write jog_velocities = [{jog_1_velocity|-300}, {jog_2_velocity|300}]"
 _KEEP: Final = "0.9.0: 20 files of 10 s before and 5 s after an event are kept; pdgw trace watch has options for others"
 REMOVED: Final = MappingProxyType(
     {
@@ -123,7 +110,7 @@ REMOVED: Final = MappingProxyType(
         "axis.xerr_sign": "0.9.0: a positive XERR moves forward; delete the key, the PLC sends -XERR where it was -1",
         "axis.tpdo_inhibit_us": "0.9.0: a drive sends one TPDO in each cycle of the PLC; delete the key",
         "encoder.sdo_interval_ms": _SDO_INTERVAL,
-        "mqtt.ca_file": '0.9.0: tls = "ca.pem" names the file',
+        "mqtt.ca_file": "0.9.0: write tls = {ca_file|true}",
         "realtime": "0.9.0: set CPUSchedulingPolicy=, CPUSchedulingPriority=, CPUAffinity= and MemorySwapMax= in the systemd "
         "unit (realtime.conf), or start the gateway with chrt and taskset; delete the table",
         "trace.keep_before_s": _KEEP,
@@ -137,7 +124,7 @@ REMOVED: Final = MappingProxyType(
         "web.tls_key": "0.9.0: tls_cert is one PEM file with the certificate and its key",
     }
 )
-"""Keys of earlier versions: the version without them and the reason."""
+"""Keys of earlier versions: the version without them and the reason, with the user's values in the new key."""
 _PERCENT = "standstill_window_percent"
 
 _SECRET = re.compile(r'^(\s*"?[\w-]*(?:pass|secret|token|key|user)[\w-]*"?\s*=\s*).*$', re.IGNORECASE | re.MULTILINE)
@@ -155,7 +142,7 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
     encoders = tuple(_resolved(encoder, path) for encoder in config.encoder)
     sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
     missing = [
-        problem_text(Problem((section, number, "eds"), repr(str(item.eds)), "not a file"), text, str(path), SECTIONS)
+        problem_text(Problem((section, number, "eds"), repr(str(item.eds)), "not a file"), text, str(path))
         for section, items in sections
         for number, item in enumerate(items)
         if item.eds is not None and not item.eds.is_file()
@@ -182,7 +169,7 @@ def _files_resolved(section: FileSection, path: Path) -> FileSection:
 
 def parse_config(text: str, name: str = "configuration", folder: Path = Path()) -> GatewayConfig:
     """Validate configuration text; see ``load_config``. Drive families with a relative path are in ``folder``."""
-    return parse_toml(GatewayConfig, SECTIONS, text, name, REMOVED, folder)
+    return parse_toml(GatewayConfig, text, name, REMOVED, folder)
 
 
 def config_text(config: GatewayConfig) -> str:

@@ -6,7 +6,7 @@ import enum
 import json
 import re
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -18,14 +18,31 @@ from pdgw.files import read_file
 from pdgw.gateway.errors import GatewayError
 
 Root = TypeVar("Root", bound=BaseModel)
-Sections = Mapping[str, type[BaseModel]]
 
 FILE_MAX = 1 << 20
 """Bytes of a file a person writes: a configuration of 250 axes has a tenth of it."""
 DEPTH_MAX = 16
 """Tables within tables; ours have four."""
-_TWICE = re.compile(r"Cannot declare \('(\w+)',\) twice")
-_ARRAY_AND_TABLE = re.compile(r"Cannot (?:overwrite a value|mutate immutable namespace \('(\w+)',\))")
+_SHOWN = 80
+"""Characters of a wrong line."""
+_PLACE = re.compile(r" \(at line (\d+), column \d+\)")
+_QUOTED = re.compile(r"\"[^\"]*\"|'[^']*'|#.*")
+"""Texts with both quotation marks, and comments."""
+_MISTAKES = (
+    (r".*\nCannot declare \('(\w+)',\) twice", r"[\1] is there twice; write [[\1]] before each of them"),
+    (r"([\w.-]+)\s*=.*\nCannot overwrite", r"\1 is set twice in its table"),
+    (r".*\nCannot", "check that a table is not written [..] in one place and [[..]] in another"),
+    (r"[{}\]]|---|- |[\w.-]+:", "JSON and YAML are not read; expected TOML: [table], then key = value"),
+    (r".*=\s*(True|False)\b", "write true or false in lower case"),
+    (r".*=\s*[+-]?0\d", "a number has no leading zero"),
+    (r".*=\s*[+-]?\d+,\d", "write a decimal point"),
+    (r"[^=\n]*=\s*(#.*)?\n", "the value is missing"),
+    (
+        r"([\w.-]+)\s*=\s*([^\s\"'\[{#][^\"'#\n]*?)\s*(#.*)?\n",
+        r'not a number, true or false; a text needs quotation marks: \1 = "\2"',
+    ),
+)
+"""Patterns of a wrong line and tomllib's message, each with what the user probably meant."""
 
 
 def read_text(path: Path) -> str:
@@ -42,7 +59,6 @@ def read_text(path: Path) -> str:
 
 def parse_toml(
     root: type[Root],
-    sections: Sections,
     text: str,
     name: str,
     removed: Mapping[str, str] = MappingProxyType({}),
@@ -50,18 +66,18 @@ def parse_toml(
 ) -> Root:
     """Validate TOML text by the model of the whole file; GatewayError has one line for each thing that is wrong.
 
-    ``sections``: the models of the file's tables, by their name. ``removed``: see ``problems``.
+    ``removed``: see ``problems``.
     ``folder``: the context of the validation.
     """
     try:
         document = tomllib.loads(text.removeprefix("\ufeff"))
     except (ValueError, RecursionError) as error:  # tomllib passes on errors of int() and of deep nesting
-        raise GatewayError(f"{name}: not valid TOML: {error}{_hint(str(error))}") from error
+        raise GatewayError(_not_toml(text, name, str(error))) from error
     check_depth(document, name)
     try:
         return root.model_validate(document, context=folder)
     except ValidationError as error:
-        lines = [problem_text(problem, text, name, sections) for problem in problems(error, root, removed)]
+        lines = [problem_text(problem, text, name) for problem in problems(error, root, removed)]
         raise GatewayError("\n".join(lines)) from error
 
 
@@ -113,72 +129,76 @@ def _inside(item: object) -> Collection[object]:
     return item if isinstance(item, list) else ()
 
 
-def _hint(message: str) -> str:
-    twice = _TWICE.search(message)
-    if twice is not None:
-        return f"; write [[{twice[1]}]] before each of them"
-    if _ARRAY_AND_TABLE.search(message):
-        return "; check that a table is not written [..] in one place and [[..]] in another"
-    return ""
+def _not_toml(text: str, name: str, message: str) -> str:
+    """An error of the syntax: its line, and what the user probably meant."""
+    lines = text.splitlines()
+    place = _PLACE.search(message)
+    number = int(place[1]) if place else next((n for n, line in enumerate(lines, 1) if _is_open(line)), 0)
+    line = "".join(lines[number - 1 : number]).strip()[:_SHOWN]
+    message = _PLACE.sub("", message)
+    if _is_open(line):
+        message = "a quotation mark is missing"
+    for pattern, hint in _MISTAKES:
+        if found := re.match(pattern, f"{line}\n{message}"):
+            message = found.expand(hint)
+            break
+    return f"{name}:{number}: {line}: not valid TOML: {message}" if line else f"{name}: not valid TOML: {message}"
 
 
-def problem_text(problem: Problem, text: str, name: str, sections: Sections) -> str:
+def _is_open(line: str) -> bool:
+    """A quotation mark is not closed."""
+    return not {'"', "'"}.isdisjoint(_QUOTED.sub("", line))
+
+
+def problem_text(problem: Problem, text: str, name: str) -> str:
     """A problem with its place in the text."""
     location = problem.location
-    line = line_of(text, location, sections)
+    line = line_of(text, location)
     place = f"{name}:{line}" if line else name
-    path = path_text(_table(location) if problem.names_key else location, sections)
+    path = path_text(location, whole_table=problem.names_key or not (line or location[1:]))
     if problem.value:
         path += f" = {problem.value}"
     return ": ".join(part for part in (place, path, problem.text) if part)
 
 
-def _table(location: Location) -> Location:
-    """The table a location is in."""
-    return location[:2] if len(location) > 1 and isinstance(location[1], int) else location[:1]
-
-
-def path_text(location: Location, sections: Sections) -> str:
-    """``[transport] listen``, ``[[axis]] number 2 telegram``; empty for the whole file."""
+def path_text(location: Location, *, whole_table: bool) -> str:
+    """``[transport] listen``, ``[[axis]] number 2 telegram``, without the key for a whole table; empty for the whole file."""
     if not location:
         return ""
     section, *rest = location
-    if section not in sections:
-        return ".".join(str(part) for part in location)
+    if not rest and not whole_table:
+        return str(section)
     path = f"[{section}]"
     if rest and isinstance(rest[0], int):
-        path = f"[[{section}]] number {rest[0] + 1}"
-        rest = rest[1:]
+        path, rest = f"[[{section}]] number {rest[0] + 1}", rest[1:]
     keys = ".".join(str(part + 1) if isinstance(part, int) else part for part in rest)
-    return f"{path} {keys}" if keys else path
+    return path if whole_table else f"{path} {keys}".strip()
 
 
-def line_of(text: str, location: Location, sections: Sections) -> int:
-    """The line of a key, or of its table's header if the key is missing; 0 if unknown."""
-    if not location:
-        return 0
-    section, *rest = location
-    if section not in sections:
-        return next((n for n, line in enumerate(text.splitlines(), 1) if _key(line) == section), 0)
-    occurrence = rest[0] if rest and isinstance(rest[0], int) else 0
-    keys = [part for part in rest if isinstance(part, str)]
-    seen, header, inside = -1, 0, False
-    for number, raw in enumerate(text.splitlines(), 1):
-        line = raw.strip()
-        if line.startswith("["):
-            inside = line.split("#")[0].strip(" []") == section
-            if inside:
-                seen += 1
-                inside = seen == occurrence
-                header = number if inside else header
-        elif inside and keys and _key(line) == keys[0]:
-            return number
-    return header
+def line_of(text: str, location: Location) -> int:
+    """The line of a key, or of the table that should have it; 0 if unknown."""
+    lines = dict(reversed([*_places(text)]))
+    wanted = tuple(part for part in location if part != 0)
+    while wanted and wanted not in lines:
+        wanted = wanted[:-1]
+    return lines.get(wanted, 0)
 
 
-def _key(line: str) -> str:
-    """The key that a line sets, or the table that it starts; empty for any other line."""
-    key, equals, _ = line.partition("=")
-    if equals:
-        return key.strip().strip('"')
-    return line.partition("#")[0].strip(" []") if line.lstrip().startswith("[") else ""
+def _places(text: str) -> Iterator[tuple[Location, int]]:
+    """Each key and table with its line. Index 0 is left out: a table alone is written [axis] or [[axis]]."""
+    counts: dict[Location, int] = {}
+    table: Location = ()
+    for number, line in enumerate(text.splitlines(), 1):
+        key = re.split("[=#]", line)[0]
+        names = [name.strip(" \t\"'") for name in key.strip(" \t[]").split(".")]
+        if not line.lstrip().startswith("["):
+            yield (*table, *names), number
+            continue
+        table = ()
+        for name in names:
+            table = (*table, name)
+            if name is names[-1] and "[[" in line:
+                counts[table] = counts.get(table, -1) + 1
+            if counts.get(table):
+                table = (*table, counts[table])
+        yield table, number

@@ -9,13 +9,21 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, Strict, model_validator
 
 from pdgw.explain import misplaced
-from pdgw.gateway.configuration.environment import Boolean, Integer, Section
+from pdgw.gateway.configuration.environment import Boolean, Integer, Section, in_words
 
 WEB_PORT = 8420
 """TCP on loopback: the page, unless ``listen`` says otherwise."""
-_HOST_NAME = r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,252}[A-Za-z0-9])?$"
-_TOPIC = r"^[^/+#$\x00][^+#\x00]*$"
-"""No wildcards, and none of the broker's own topics."""
+_HostName = Annotated[
+    str,
+    in_words(
+        "[A-Za-z0-9]([A-Za-z0-9.-]{0,252}[A-Za-z0-9])?",
+        "a host name without scheme and port: letters, digits, dots and hyphens, first and last a letter or digit",
+    ),
+]
+_Topic = Annotated[
+    str,
+    in_words(r"[^/+#$\x00][^+#\x00]{0,199}", "1 to 200 characters without the wildcards + and #, the first not / or $"),
+]
 
 
 def split_address(text: str) -> tuple[str, int]:
@@ -41,8 +49,11 @@ def _is_address(text: str) -> str:
 def _is_host(text: str) -> str:
     try:
         text.encode("idna")  # as the MQTT client does, whose thread would end with the error
+        is_valid = 0 < len(text) <= 253
     except UnicodeError:
-        raise ValueError(f"{text!r} is not a host name or address") from None
+        is_valid = False
+    if not is_valid:
+        raise ValueError(f"{text!r} is not a host name or address")
     return text
 
 
@@ -52,7 +63,7 @@ class WebConfig(Section):
     listen: Annotated[str, Strict(), AfterValidator(_is_address)] = f"127.0.0.1:{WEB_PORT}"
     token_file: Path | None = None
     """The file with the secret that opens the page; needed beyond loopback."""
-    hosts: tuple[Annotated[str, Field(pattern=_HOST_NAME)], ...] = ()
+    hosts: tuple[_HostName, ...] = ()
     """Names by which browsers reach it, beside its address: a page of another name is refused (DNS rebinding)."""
     tls_cert: Path | None = None
     """PEM file with the certificate and its key."""
@@ -85,9 +96,9 @@ class WebConfig(Section):
 class MqttConfig(Section):
     """The broker for the states of the axes; the gateway receives nothing from it."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253), AfterValidator(_is_host)]
+    host: Annotated[str, AfterValidator(_is_host)]
     port: Annotated[Integer, Field(ge=1, le=65535)] = 1883
-    topic: Annotated[str, Field(pattern=_TOPIC, max_length=200)] = "pdgw"
+    topic: _Topic = "pdgw"
     """Before the name of the gateway."""
     username: str | None = None
     password_file: Path | None = None

@@ -153,12 +153,11 @@ class Step(Model):
             elif name in telegrams_of():
                 words[name] = value
             else:
-                hint = did_you_mean(name, [*cls.model_fields, *telegrams_of()])
-                raise misplaced(
-                    f"{name}: unknown word{hint} (actions: {', '.join(ACTIONS)}; and every value and bit of the "
-                    "telegram in lower case, like override, tracking: docs/simulation.md)",
-                    name,
+                hint = did_you_mean(name, [*cls.model_fields, *telegrams_of()]) or (
+                    f" (actions: {', '.join(ACTIONS)}; and every value and bit of the telegram in lower case, like "
+                    "override, tracking: docs/simulation.md)"
                 )
+                raise misplaced(f"{name}: unknown word{hint}", name)
         if words:
             given = known.get("set", {})
             known["set"] = {**given, **words} if isinstance(given, dict) else given

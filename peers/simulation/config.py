@@ -148,12 +148,9 @@ class BusConfig(_Section):
         return self
 
 
-_MODELS: dict[str, type[BaseModel]] = {"can": CanConfig, "control": ControlConfig, "device": DeviceConfig}
-
-
 def parse_bus(text: str, name: str = "bus file") -> BusConfig:
     """Validate the text of a file; GatewayError has one line for each error."""
-    return parse_toml(BusConfig, _MODELS, text, name)
+    return parse_toml(BusConfig, text, name)
 
 
 def load_bus(path: Path) -> BusConfig:

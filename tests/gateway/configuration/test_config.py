@@ -179,7 +179,7 @@ can = "left"
         ("simulate = true", "eds = 7", ["eds = 7"]),
         ("bitrate = 1000000", "bitrate = 3", ["x.toml:4", "bitrate = 3"]),
         ("simulate = true", 'can = "other"', ['can = "other"', "allowed: ['can']"]),
-        ("[transport]", "[transport", ["not valid TOML", "line 6"]),
+        ("[transport]", "[transport", ["not valid TOML", "x.toml:6: [transport"]),
         ("telegram = 9", "telegram = true", ["x.toml:18", "telegram = True", "integer"]),
         ("node_id = 3", 'node_id = "3"', ["x.toml:17", "node_id = '3'", "integer"]),
         ("cycle_time_ms = 4", "cycle_time_ms = nan", ["x.toml:11", "cycle_time_ms = nan"]),
