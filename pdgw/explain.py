@@ -98,6 +98,12 @@ def problems(
     return list(dict.fromkeys(result))
 
 
+def value_text(error: ValidationError) -> str:
+    """What is wrong with one value without a model, such as that of an option."""
+    problem = _problem(_Place((), frozenset(), None), error.errors(include_url=False)[:1], BaseModel)
+    return problem.text if problem.value in problem.text else f"{problem.value}: {problem.text}"
+
+
 def _with_values(reason: str, table: Location, given: Mapping[Location, Any]) -> str:
     return _GIVEN.sub(lambda match: repr(given[place]) if (place := (*table, match[1])) in given else match[2], reason)
 
@@ -127,8 +133,8 @@ def _text(detail: ErrorDetails, allowed: str) -> str:
         return f"allowed: {context['expected']}"
     if kind == "finite_number":
         return f"expected a finite number{allowed}"
-    if kind.startswith(_RANGES) and allowed:
-        return allowed.removeprefix(", ")
+    if kind.startswith(_RANGES):
+        return (allowed or _between(context)).removeprefix(", ")
     if kind == "too_short" and context.get("actual_length") == 0:
         return "at least one is needed"
     return detail["msg"].removeprefix("Value error, ")
@@ -178,6 +184,10 @@ def _allowed(field: FieldInfo | None) -> str:
             value = getattr(item, name, None)
             if value is not None:
                 bounds.setdefault(name, value)
+    return _between(bounds)
+
+
+def _between(bounds: Mapping[str, Any]) -> str:
     if {"ge", "le"} <= bounds.keys():
         return f", allowed: {bounds['ge']} to {bounds['le']}"
     shown = " and ".join(f"{_BOUNDS[name]} {value}" for name, value in bounds.items())

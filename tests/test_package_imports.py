@@ -119,7 +119,7 @@ _TEXT = re.compile(rf"#.*|(?:\b[rRbBuUfF]{{1,2}})?(?:{QUOTED})")
 _CODE = re.compile(r"\d[\w.]*(?:(?<=\de)[+-]\d+)?|\w+|\*\*=?|//=?|>>=?|<<=?|->|:=|\.{3}|[-+*/%@&|^=<>!]=|[^\w\s\\]")
 """Names, numbers and operators."""
 BUDGET = {
-    "pdgw": 2682,
+    "pdgw": 2761,
     "profidrive": 12812,
     "profidrive.parameters": 6439,
     "profinet": 10386,
@@ -179,9 +179,9 @@ BUDGET = {
     "peers.controller": 6438,
     "peers.simulation": 4437,
     "peers.world": 5099,
-    "tools": 3272,
+    "tools": 3427,
     "tools.commands": 0,
-    "tools.commands.capture": 3153,
+    "tools.commands.capture": 3191,
     "tools.commands.commissioning": 6009,
     "tools.commands.gateway": 6038,
     "tools.commands.simulation": 4018,
@@ -192,7 +192,7 @@ BUDGET = {
     "tools.service": 2312,
     "beside": 2105,
     "tests/long": 62370,
-    "tests": 573960,
+    "tests": 574103,
     "*.c": 0,
     "*.js": 1006,
     "*.toml": 1645,

@@ -40,6 +40,17 @@ def _plain_flags(options: list[Any]) -> list[Any]:
     return options
 
 
+def _in_words(error: typer.BadParameter) -> str:
+    """The message of a wrong value, also where typer has the words of pydantic."""
+    cause: Any = error.__cause__
+    if not hasattr(cause, "error_count"):
+        return error.message
+    from pdgw.explain import value_text  # noqa: PLC0415 (loads pydantic, as typer has done)
+
+    several = "; repeat the option for several" if error.param is not None and error.param.multiple else ""
+    return value_text(cause) + several
+
+
 class _Careful:
     """Mixin for typer's classes: rejects repeated options and shows in the help only what the user types."""
 
@@ -48,7 +59,11 @@ class _Careful:
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         given = list(args)
-        rest: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
+        try:
+            rest: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
+        except typer.BadParameter as error:
+            error.message = _in_words(error)
+            raise
         _refuse_repeats(self, ctx, given)
         return rest
 
@@ -59,6 +74,13 @@ class Command(_Careful, TyperCommand):
 
 class Group(_Careful, TyperGroup):
     """A group of commands. Some groups have options of their own."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """Name the command of another group that is meant: ``pdgw check`` is ``pdgw config check``."""
+        name = args[0]
+        if meant := [path for path in EXAMPLES if path.endswith(f" {name}") and name not in self.commands]:
+            ctx.fail(f"No such command {name!r}. Did you mean 'pdgw {meant[0]}'?")
+        return super().resolve_command(ctx, args)
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,6 +96,8 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
         ),
         (("sim", "plc", "--interactive", "--profinet", "nowhere0"), "interface nowhere0: does not exist"),
         (("sim", "drive", "--interface", "bogus"), "CAN interface"),
+        (("decode", "047F2000"), "047F2000: not a file; hexadecimal data: pdgw decode --hex '047F2000'"),
+        (("decode", "04", "7F", "20", "00"), "04: not a file; hexadecimal data: pdgw decode --hex '04 7F 20 00'"),
         (("sim", "inject", "--port", "1", "fault", "7"), "no simulator answers"),
     ],
 )
@@ -104,6 +106,28 @@ def test_wrong_use_ends_with_one_line_and_status_1(arguments: tuple[str, ...], m
     assert result.returncode == 1
     assert message in result.stderr.replace("\n", " ")
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("check", "gateway.toml"), "No such command 'check'. Did you mean 'pdgw config check'?"),
+        (("config", "scan"), "No such command 'scan'. Did you mean 'pdgw bus scan'?"),
+        (("staus",), "Did you mean 'status'?"),
+        (("run", "--simulate", "--telegram", "1,3"), "'1,3': expected an integer; repeat the option for several"),
+        (("run", "--simulate", "--axes", "33"), "'33': allowed: at most 32"),
+        (("status", "x"), "'x': expected an integer"),
+        (("run", "x.toml", "--log-level", "foo"), "'foo' is not one of 'debug', 'info', 'warning', 'error'"),
+    ],
+)
+def test_wrong_command_or_option_is_named_with_what_is_allowed(
+    arguments: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "150")
+    result = pdgw(*arguments)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert "Input should" not in result.stderr
 
 
 @pytest.mark.usefixtures("unlogged")

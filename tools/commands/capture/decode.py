@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from string import hexdigits
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -108,6 +109,8 @@ def decode(
                 raise GatewayError(f"{name}: not allowed with --parquet FOLDER, which is a table of whole files")
         _write_data_set(files, parquet, options)
         return
+    if files and not Path(files[0]).exists() and set("".join(files)) <= set(hexdigits):
+        raise GatewayError(f"{files[0]}: not a file; hexadecimal data: pdgw decode --hex '{' '.join(files)}'")
     if files and (len(files) > 1 or Path(files[0]).is_dir()):
         raise GatewayError("several files need --parquet FOLDER and --signal; or give one file")
     file = files[0] if files else None
