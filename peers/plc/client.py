@@ -14,6 +14,7 @@ from pdgw.durations import SECOND
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.notation import parse_time
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.tools.client.address import Target
@@ -62,13 +63,19 @@ class PlcRunner(abc.ABC):
     def run(self, engine: Engine | None, drive: Callable[[str], None] = lambda _: None) -> None:
         """Exchange frames until the scenario ends or ``stop``. ``drive`` gets the scenario's drive commands.
 
-        A scenario ends, too, when an expectation fails and no gateway has answered until then.
+        A scenario ends, too, when an expectation fails and no gateway has answered until then. One that waits for nothing
+        lasts until the first answer, or its timeout.
         """
+        due = time.monotonic_ns()
+        until = due
         if engine is not None:
             engine.drive, engine.request = drive, self._request
-        due = time.monotonic_ns()
-        while not self._stopping.is_set() and not (engine is not None and engine.finished):
+            until += parse_time(engine.scenario.within)
+        while not self._stopping.is_set():
             now = time.monotonic_ns()
+            answered = self.endpoint.counters["received"] or now > until
+            if engine is not None and engine.finished and (answered or not engine.passed):
+                return
             if now < due:
                 self._wait(due - now)
                 continue

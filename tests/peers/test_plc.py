@@ -19,7 +19,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.peers.controller.plc import ProfinetPlc
-from pdgw.peers.plc.client import PlcClient
+from pdgw.peers.plc.client import PlcClient, PlcRunner
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.notation import parse_time
@@ -32,6 +32,7 @@ from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.tools.client.address import Target, parse_target
 from pdgw.tools.client.session import Element
+from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.output.plc_capture import Capture
 from tests.support.axis.strategies import axes_values
 from tests.support.gateways.daemon import record_server
@@ -205,6 +206,34 @@ def test_reason_for_missing_values_follows_from_the_counters() -> None:
     assert plc.why_no_values(0) == ""
     plc.poll(10_000_000_000)
     assert plc.why_no_values(0) == "the gateway's frames have stopped"
+
+
+class LateGateway(PlcRunner):
+    """A link without delays whose gateway answers the fifth frame; 0: none."""
+
+    def __init__(self, endpoint: PlcEndpoint, answers: int) -> None:
+        super().__init__(endpoint, 0)
+        self.answers = answers
+
+    def _wait(self, ns: int) -> None:
+        raise AssertionError
+
+    def _send(self, *, muted: bool = False) -> None:
+        self.endpoint.build()
+        self.endpoint.counters["received"] += self.endpoint.counters["sent"] == self.answers
+
+    def _open_parameters(self) -> ParameterClient:
+        raise AssertionError
+
+
+@pytest.mark.parametrize("answers", [5, 0])
+def test_scenario_that_waits_for_nothing_lasts_until_the_first_answer(answers: int) -> None:
+    plc = PlcEndpoint([telegram(1)], MS)
+    engine = Engine(Scenario(within="3 s" if answers else "1 ms", steps=[{"speed": 500}]), plc)  # type: ignore[list-item]
+    LateGateway(plc, answers).run(engine)
+    assert engine.finished
+    assert plc.counters["received"] == bool(answers)
+    assert plc.setpoints[0]["NSOLL_A"] == 500
 
 
 @pytest.mark.parametrize("value", ["99999 rpm", "-6001 rpm", "201 %"])

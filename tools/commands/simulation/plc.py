@@ -225,12 +225,14 @@ def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: b
         }
         with writing(f"--json {as_json}"):
             as_json.write_text(json.dumps(document, indent=2), encoding="utf-8")
-    if not progress:
+    if engine.results and not progress:
         Console().print(results_table(engine.results))
     if not reached:
         raise GatewayError(f"the scenario did not reach a gateway: {endpoint.why_no_values(0)}")
     if not engine.passed:
         raise typer.Exit(1)
+    if not engine.results:
+        typer.echo("every step is done; the scenario has no expect, so nothing was checked", err=True)
 
 
 class Output:
