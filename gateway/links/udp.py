@@ -13,7 +13,7 @@ from typing import Final
 
 from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import bound
 
 # Filters in the kernel (classic BPF, Linux), so that frames for others cost the exchange nothing.
 #
@@ -92,15 +92,7 @@ class UdpSocket:
 
     def __init__(self, loop: Loop, listen: str, port: int, purpose: str) -> None:
         self._loop = loop
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((listen, port))
-        except OSError as error:
-            self._socket.close()
-            raise GatewayError(
-                f"{purpose}: {listen} port {port} cannot be used ({error.strerror or error}); "
-                "choose another --listen address or port"
-            ) from error
+        self._socket = bound(purpose, listen, port, "choose another --listen address or port")
         self._socket.setblocking(False)
         self._closed = False
         self._only: Address | None = None

@@ -15,7 +15,6 @@ from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.identity import interpreter, kind
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
@@ -23,6 +22,7 @@ from pdgw.gateway.objects.enable_chain import device_warning, notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
+from pdgw.gateway.ports import bound
 from pdgw.gateway.service.causes import causes, who
 from pdgw.gateway.store import units_text
 from pdgw.profidrive.signal_text import Rated, scale, texts
@@ -326,17 +326,8 @@ class StatusServer:
         daemon.loop.counters.add(
             "status", "refused", "times", "no file descriptor free for a connection", lambda: self._refused
         )
-        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        try:
-            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            self._listener.bind(("127.0.0.1", port))
-            self._listener.listen(_CONNECTIONS)
-        except OSError as error:
-            self._listener.close()
-            raise GatewayError(
-                f"status port: 127.0.0.1 port {port} cannot be used ({error.strerror}); set status_port to "
-                "another port, or to 0 for none"
-            ) from error
+        remedy = "set status_port to another port, or to 0 for none"
+        self._listener = bound("status port", "127.0.0.1", port, remedy, _CONNECTIONS)
         self._listener.setblocking(False)
 
     def start(self) -> None:

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from pdgw.ds301.bus.can_frame import CAN_FRAME
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import bound
 
 log = logging.getLogger("peers")
 
@@ -55,12 +55,7 @@ class Hub:
 
     def __init__(self, readers: Readers, port: int = 0) -> None:
         self._readers = readers
-        self._listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._listener.bind((HOST, port))
-        except OSError as error:
-            self._listener.close()
-            raise GatewayError(f"bus: {HOST} port {port} cannot be used ({error.strerror}); choose another") from error
+        self._listener = bound("bus", HOST, port, "choose another")
         self._listener.setblocking(False)
         self._members: list[socket.socket] = []
         self._joining: set[socket.socket] = set()

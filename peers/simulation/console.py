@@ -19,6 +19,7 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import refusal
 from pdgw.peers.drive.objects import DRIVE_FAULTS
 from pdgw.peers.node.behaviour import parse
 from pdgw.peers.option_values import CONSOLE_COMMANDS
@@ -142,7 +143,7 @@ def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
     try:
         server = PatientServer(("127.0.0.1", port), Handler)
     except OSError as error:
-        raise GatewayError(f"control port: 127.0.0.1 port {port} cannot be used ({error.strerror})") from error
+        raise GatewayError(f"control port: 127.0.0.1 port {port} cannot be used ({refusal(error, port)})") from error
     threading.Thread(target=server.serve_forever, name="control", daemon=True).start()
     return server
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
+import os
+import re
 import signal
 import socket
 import sys
@@ -14,6 +17,8 @@ import pytest
 
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.configuration.file import config_text, simulated
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import bound, refusal
 from pdgw.tools.cli import main
 from pdgw.tools.options import end_as_by_ctrl_c
 from pdgw.tools.service import run_log
@@ -140,6 +145,24 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
         result = pdgw("run", str(path), "--cyclic-port", str(port), "--status-port", "0")
     assert result.returncode == 1
     assert f"127.0.0.1 port {port} cannot be used" in result.stderr
+    if sys.platform == "linux":
+        assert f"(Address already in use by process {os.getpid()}, " in result.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the process of a port is read from /proc")
+@pytest.mark.parametrize("backlog", [0, 1])
+def test_process_that_has_a_port_is_named(backlog: int) -> None:
+    with bound("one", "127.0.0.1", 0, "-", backlog) as taken:
+        port = taken.getsockname()[1]
+        text = f"two: 127.0.0.1 port {port} cannot be used (Address already in use by process {os.getpid()}, "
+        with pytest.raises(GatewayError, match=re.escape(text)) as refused:
+            bound("two", "127.0.0.1", port, "choose another", backlog)
+    assert str(refused.value).endswith("); choose another")
+
+
+def test_refused_port_that_no_process_has_shows_the_error_of_the_system() -> None:
+    assert refusal(OSError(errno.EACCES, "Permission denied"), 1) == "Permission denied"
+    assert refusal(OSError(errno.EADDRINUSE, "Address already in use"), 0) == "Address already in use"
 
 
 def test_config_example_and_check(tmp_path: Path) -> None:

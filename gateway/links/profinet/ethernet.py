@@ -23,6 +23,7 @@ from pdgw.gateway.links.udp import (
     Instruction,
     attach,
 )
+from pdgw.gateway.ports import refusal
 from pdgw.profinet import ethernet
 from pdgw.profinet.discovery import dcp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -206,7 +207,7 @@ class RawEthernet:
             ) from error
         except OSError as error:
             self.close()
-            raise GatewayError(f"interface {interface}: cannot be used ({error.strerror or error})") from error
+            raise GatewayError(f"interface {interface}: cannot be used ({refusal(error, ACYCLIC_PORT)})") from error
 
     def _open(self) -> None:
         self._dcp = self._raw(ethernet.ETHERTYPE_PROFINET, dcp_filter(), ethernet.DCP_MULTICAST)

@@ -10,6 +10,7 @@ from typing import Final
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.io_device import ProfinetLink
+from pdgw.gateway.ports import refusal
 from pdgw.profinet.discovery import mib
 from pdgw.profinet.discovery.snmp import REQUEST_MAX, Agent, Oid, Variable, Writing
 
@@ -30,7 +31,7 @@ def open_port(interface: str) -> socket.socket:
     except OSError as error:
         sock.close()
         raise GatewayError(
-            f"snmp_community: UDP port {PORT} of {interface} cannot be used ({error.strerror or error}); port 161 needs "
+            f"snmp_community: UDP port {PORT} of {interface} cannot be used ({refusal(error, PORT)}); port 161 needs "
             "CAP_NET_BIND_SERVICE, and no other SNMP agent may listen there"
         ) from error
     sock.setblocking(False)

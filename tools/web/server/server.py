@@ -14,6 +14,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import bound
 from pdgw.tools.web.stream import Streams
 
 # Which connections to the page stay open: few for each unknown sender, and a new one always gets a place.
@@ -156,16 +157,7 @@ def bounded_protocol(places: Places) -> type[BoundedProtocol]:
 def listen(config: WebConfig) -> socket.socket:
     """The port of the page; GatewayError if it cannot be opened."""
     host, port = config.address
-    made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
-    try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((host, port))
-        made.listen(CONNECTIONS_MAX)
-    except OSError as error:
-        made.close()
-        text = f"[web] listen: {host} port {port} cannot be used ({error.strerror or error}); choose another"
-        raise GatewayError(text) from error
-    return made
+    return bound("[web] listen", host, port, "choose another", CONNECTIONS_MAX)
 
 
 class PageServer(uvicorn.Server):
