@@ -84,6 +84,8 @@ class Daemon:
         self.watch = CycleWatch()
         """Called at the end of every cycle."""
         self.recorder: FlightRecorder | None = None
+        self.file: tuple[str, float] | None = None
+        """The file of the configuration, and its time of modification when it was read."""
         self.started_ns = self.loop.now()
         self.cycles = 0
         self.late = 0

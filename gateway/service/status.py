@@ -231,6 +231,8 @@ def _head(daemon: Daemon) -> dict[str, Any]:
             "refused_id": "" if finding is None else finding.reason.name,
         }
         | daemon.link.status(),
+        "file": daemon.file[0] if daemon.file else "",
+        "file_modified": daemon.file[1] if daemon.file else None,
         "store": str(daemon.store.path) if daemon.store.path is not None else "",
         "notes": daemon.replaced_telegrams,
         "trace": str(daemon.recorder.path) if daemon.recorder is not None else "",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -46,6 +48,24 @@ def test_version_time_and_ages_are_in_the_document(document: dict[str, Any]) -> 
     for item in (*document["axes"], *document["encoders"]):
         assert item["heard_age_ms"] is None or item["heard_age_ms"] >= 0
         assert all({"time", "age_s"} <= entry.keys() for entry in item["faults"])
+
+
+def test_file_that_changed_since_the_start_is_named(document: dict[str, Any], tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text("")
+    running_file = document | {"file": str(file), "file_modified": file.stat().st_mtime}
+
+    def shown() -> str:
+        return "\n".join(status_lines(running_file, 400))
+
+    assert not document["file"], "the gateway of the test has none"
+    assert "configuration" not in "\n".join(status_lines(document))
+    assert f"configuration {file}\n" in shown()
+    assert "since the start" not in shown()
+    os.utime(file, (1, 1))
+    assert "-> changed or removed since the start: the gateway runs what it read then" in shown()
+    file.unlink()
+    assert "-> changed or removed since the start" in shown()
 
 
 @pytest.mark.parametrize("width", [40, 80, 132])

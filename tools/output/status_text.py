@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from enum import IntEnum
 from itertools import accumulate
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from pdgw.durations import MS_PER_SECOND
@@ -138,6 +139,8 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
         yield from _folded(_ages(document["age_times"], plc["age_limit_ms"]), width, 2, "")
     if plc["refused"]:
         yield from _folded(plc["refused"], width, 5, "  -> ")
+    if document.get("file"):
+        yield from _configuration(document["file"], document["file_modified"], width)
     if document.get("store"):
         yield from _folded(f"parameters are stored in {document['store']}", width, 4, "")
     for note in document["notes"]:
@@ -152,6 +155,18 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
     for item in (*document["axes"], *document["encoders"]):
         yield from _folded(_row(item), width, 4, "")
     yield from _counters(document["counters"], width, everything=counters)
+
+
+def _configuration(file: str, modified: float, width: int) -> Iterator[str]:
+    """The file that runs, and whether it is another one by now."""
+    yield from _folded(f"configuration {file}", width, 4, "")
+    try:
+        is_other = Path(file).stat().st_mtime != modified
+    except OSError as error:
+        is_other = isinstance(error, FileNotFoundError)
+    if is_other:
+        text = "changed or removed since the start: the gateway runs what it read then; run pdgw config check, then restart it"
+        yield from _folded(text, width, 5, "  -> ")
 
 
 def _row(item: dict[str, Any]) -> str:

@@ -111,6 +111,7 @@ def run(
 
     if simulate == (config is not None):
         raise GatewayError("give either a configuration file or --simulate")
+    read = None
     if config is None:
         chosen = simulated(
             telegrams_of_axes(telegram, axes), encoders or 0, encoder_telegram or SIMULATED_ENCODER_TELEGRAM
@@ -119,6 +120,7 @@ def run(
         only_with("--simulate", {"--telegram": telegram, "--axes": axes})
         only_with("--simulate", {"--encoders": encoders, "--encoder-telegram": encoder_telegram})
         chosen = load_config(config)
+        read = str(config.resolve()), config.stat().st_mtime
     chosen = _with_options(
         chosen,
         {
@@ -147,6 +149,7 @@ def run(
             chosen = chosen.model_copy(update={"trace": chosen.trace.model_copy(update={"directory": record})})
         chosen = at_end.enter_context(device_processes(chosen))
         daemon = build_gateway(chosen, name="simulated" if config is None else config.stem)
+        daemon.file = read
         at_end.callback(daemon.release)
         run_log.count_in(daemon.loop.counters)
         if record is not None:
