@@ -24,7 +24,7 @@ from pdgw.tools.options import end_as_by_ctrl_c
 from pdgw.tools.service import run_log
 from pdgw.tools.service.log_format import LogFormat, LogLevel
 from tests.support.cli import pdgw
-from tests.support.processes import free_udp_port
+from tests.support.processes import free_tcp_port, free_udp_port
 
 
 class NoLog:
@@ -147,6 +147,26 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
     assert f"127.0.0.1 port {port} cannot be used" in result.stderr
     if sys.platform == "linux":
         assert f"(Address already in use by process {os.getpid()}, " in result.stderr
+
+
+def test_check_with_run_names_a_port_in_use_and_leaves_a_free_one(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    trace = tmp_path / "trace"
+    with bound("other", "127.0.0.1", 0, "-") as taken:
+        port = taken.getsockname()[1]
+        keys = {"cyclic_port": port, "acyclic_port": 0, "status_port": free_tcp_port()}
+        transport = "".join(f"{key} = {value}\n" for key, value in keys.items())
+        device = '[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n'
+        file.write_text(f'[transport]\n{transport}[trace]\ndirectory = "{trace}"\n{device}')
+        assert pdgw("config", "check", str(file)).returncode == 0
+        result = pdgw("config", "check", "--run", str(file))
+        assert result.returncode == 1
+        assert f"127.0.0.1 port {port} cannot be used (Address already in use by process {os.getpid()}" in result.stderr
+    for _ in range(2):
+        result = pdgw("config", "check", "--run", str(file))
+        assert result.returncode == 0, result.stderr
+        assert "this machine: ports and CAN interfaces can be opened, " in result.stdout
+    assert not trace.exists()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the process of a port is read from /proc")

@@ -35,6 +35,10 @@ def check(
         bool,
         typer.Option("--bus", help="Also read units and PDOs from the drives on the bus; read-only."),
     ] = False,
+    run: Annotated[
+        bool,
+        typer.Option("--run", help="Also open the ports and interfaces of `pdgw run`; sends nothing."),
+    ] = False,
 ) -> None:
     """Validate a file; print one line for each error (exit status 1)."""
     from pdgw.gateway.configuration.check import references_wrong
@@ -69,7 +73,9 @@ def check(
                 _print_bus_load(config, item, {})
     for item in config.can:
         _print_encoders(config, item)
-    if config.transport.cycle_time_ms < NEEDED_BELOW_MS:
+    if run:
+        _open(config)
+    elif config.transport.cycle_time_ms < NEEDED_BELOW_MS:
         typer.echo(_scheduling(config))
     if refused:
         raise typer.Exit(1)
@@ -126,6 +132,22 @@ def _start(config: GatewayConfig) -> None:
     # A PROFINET link needs a real network interface, so UDP replaces it.
     transport = config.transport if config.transport.type == "udp" else TransportConfig()
     build_gateway(config.model_copy(update={"transport": transport, "store": None}), World()).release()
+
+
+def _open(config: GatewayConfig) -> None:
+    """Open what a start needs of this machine, and close it: GatewayError or CanopenError with the first that is missing.
+
+    A gateway that runs has its ports, and its recording must stay.
+    """
+    from pdgw.gateway.assembly import build_gateway
+    from pdgw.gateway.service.operating_system import request
+
+    unrecorded = config.trace.model_copy(update={"enabled": False})
+    daemon = build_gateway(config.model_copy(update={"trace": unrecorded}))
+    for service in daemon.services:
+        service.stop()
+    daemon.release()
+    typer.echo(f"this machine: ports and CAN interfaces can be opened, {request(config.transport.cycle_time_ms)[1]}")
 
 
 def _refuses(config: GatewayConfig, axis: AxisConfig) -> bool:
