@@ -204,6 +204,11 @@ def walk(data: bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:
         at += length
 
 
+def has_steps(data: bytes) -> bool:
+    """Whether a file that begins with ``data`` is a recording with steps of the gateway."""
+    return any(kind == CUSTOM and CUSTOM_HEAD.unpack_from(data, at)[2] == ENTERPRISE for kind, at, _ in walk(data))
+
+
 def cycle_at(data: bytes, at: int) -> tuple[int, int] | None:
     """Monotonic time and flags of the cycle in a block; None: it has none."""
     kind, _, enterprise, content, _ = CUSTOM_HEAD.unpack_from(data, at)

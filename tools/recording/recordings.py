@@ -23,6 +23,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS, WATCHDOG_FACTOR
 from pdgw.gateway.configuration.file import load_config, parse_config
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame, Parser
 from pdgw.profidrive.telegrams import Direction
@@ -34,7 +35,7 @@ from pdgw.tools.decoder.frames.canopen.can_records import CanRecord
 from pdgw.tools.decoder.frames.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
 from pdgw.tools.decoder.frames.records import BusKind, CyclicRecord, Record
 from pdgw.tools.decoder.step_replay import Replayed, replay
-from pdgw.tools.decoder.timeline.builder import HOLD_NS, TimelineBuilder
+from pdgw.tools.decoder.timeline.builder import HOLD_NS, Steps, TimelineBuilder
 from pdgw.tools.decoder.timeline.clocks import ONE_CLOCK, Clocks, correlate
 from pdgw.tools.decoder.timeline.entries import Edge, Entry
 from pdgw.tools.recording.progress import with_progress
@@ -134,12 +135,12 @@ class Opening:
     assumed: tuple[str, ...] = ()
     """Facts that neither the user nor the captures contain."""
 
-    def records(self) -> Iterator[Record]:
-        """All packets of all files in the order of time, on the PLC's clock; of one file in its order."""
+    def records(self) -> Iterator[Record | Steps]:
+        """All packets of all files in the order of time, on the PLC's clock, and the steps of the gateway."""
         with ExitStack() as closing:
-            sources = [closing.enter_context(open_source(file, steps=True)) for file in self.files]
-            parts = [self._records(source) for source in sources]
-            merged = heapq.merge(*parts, key=_time) if len(parts) > 1 else parts[0]
+            sources = [closing.enter_context(open_source(file)) for file in self.files]
+            parts: list[Iterator[Record | Steps]] = [*map(self._records, sources), *map(_steps, self.files)]
+            merged = heapq.merge(*parts, key=_time)
             size = sum(source.size or 0 for source in sources)
             yield from with_progress(merged, "following", size, lambda: sum(s.position() for s in sources))
 
@@ -263,6 +264,27 @@ def _items(files: Sequence[str]) -> Iterator[Description | Frame | Cycle]:
                     yield from parser.feed(data)
         except OSError as error:
             raise GatewayError(f"{file}: cannot be read ({error.strerror or error})") from error
+
+
+def _steps(file: str) -> Iterator[Steps]:
+    """The steps in a recording of the gateway; none in another capture. Each comes after the frames of its cycle."""
+    with open(file, "rb") as opened:
+        if not pcapng.has_steps(opened.read(_AT_ONCE)):
+            return
+    description, last_ns = None, 0
+    try:
+        for item in _items([file]):
+            if isinstance(item, Cycle):
+                assert description is not None
+                yield Steps(max(last_ns, item.wall_ns), description, item)
+            elif isinstance(item, Frame):
+                last_ns = item.wall_ns
+            else:
+                description = item
+    except GatewayError:
+        if description is None:
+            raise
+        # Damaged: the source of the packets names the place.
 
 
 def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Axis]:

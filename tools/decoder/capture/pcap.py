@@ -12,7 +12,6 @@ from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.tools.decoder.frames.engine import Packet
-from pdgw.tools.decoder.frames.records import LinkType
 
 # The error of damaged captures.
 
@@ -133,14 +132,13 @@ def is_pcap(head: bytes) -> bool:
     return head[:4] in _PCAP_MAGICS or head[:4] == PCAPNG_MAGIC
 
 
-def read_capture(source: ByteSource, name: str, *, steps: bool = False) -> Iterator[Packet]:
-    """The packets of a pcap or pcapng stream; CaptureError where it is damaged, after all packets before. ``steps``: those of
-    the gateway too, as packets of ``LinkType.STEPS``."""
+def read_capture(source: ByteSource, name: str) -> Iterator[Packet]:
+    """The packets of a pcap or pcapng stream; CaptureError where it is damaged, after all packets before."""
     window = Window(source)
     if not window.need(4):
         raise CaptureError(name, window.left, "not a capture: the file has less than four bytes")
     if window.data[:4] == PCAPNG_MAGIC:
-        return _Pcapng(window, name, steps=steps).packets()
+        return _Pcapng(window, name).packets()
     if window.data[:4] not in _PCAP_MAGICS:
         raise CaptureError(name, 0, f"not a pcap or pcapng file: it begins with {window.data[:4].hex(' ')}")
     return _pcap(window, name)
@@ -200,8 +198,7 @@ class _Interface:
 
 
 class _Pcapng:
-    def __init__(self, window: Window, name: str, *, steps: bool) -> None:
-        self._steps = steps
+    def __init__(self, window: Window, name: str) -> None:
         self._window = window
         self._name = name
         self._order = "<"
@@ -281,9 +278,6 @@ class _Pcapng:
             return self._simple(begin, end)
         elif kind == _PACKET_OBSOLETE:
             return self._packet("HxxIIII", begin, end)
-        elif self._steps and kind == pcapng.CUSTOM and self._order == ">":
-            data = self._window.data[begin - pcapng.HEAD.size : end + 4]
-            return Packet(self._number, self._time_ns, LinkType.STEPS, "", data)
         return None
 
     def _packet(self, layout: str, begin: int, end: int) -> Packet:

@@ -78,11 +78,8 @@ class Source:
         self.closing.close()
 
 
-def open_source(path: str, *, steps: bool = False) -> Source:
-    """A capture or log by its path, ``-`` for standard input; CaptureError if it cannot be opened or has an unknown format.
-
-    ``steps``: with those of the gateway, see ``read_capture``.
-    """
+def open_source(path: str) -> Source:
+    """A capture or log by its path, ``-`` for standard input; CaptureError if it cannot be opened or has an unknown format."""
     if path == STANDARD_INPUT:
         return source_of_stream("standard input", "", sys.stdin.buffer, None, ExitStack())
     file = Path(path)
@@ -95,15 +92,13 @@ def open_source(path: str, *, steps: bool = False) -> Source:
     if file.suffix.lower() == _DATABASE:
         return _database(path, closing)
     try:
-        return source_of_stream(path, file.suffix.lower(), stream, size, closing, steps=steps)
+        return source_of_stream(path, file.suffix.lower(), stream, size, closing)
     except BaseException:
         closing.close()
         raise
 
 
-def source_of_stream(
-    name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack, *, steps: bool = False
-) -> Source:
+def source_of_stream(name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack) -> Source:
     """An open buffered binary stream as ``open_source`` would take it: ``suffix`` decides where the content does not."""
     head = bytes(stream.peek(_HEAD)[:_HEAD])
     if not head:
@@ -114,7 +109,7 @@ def source_of_stream(
             stream = io.BufferedReader(_Recoded(io.TextIOWrapper(stream, encoding, "replace")))
             head = bytes(stream.peek(_HEAD)[:_HEAD])
     if is_pcap(head):
-        return Source(name, read_capture(stream, name, steps=steps), size, position, closing)
+        return Source(name, read_capture(stream, name), size, position, closing)
     if is_candump(head) or suffix == ".log":
         notices: list[str] = []
         return Source(name, read_candump(stream, name, notices), size, position, closing, notices)

@@ -25,7 +25,7 @@ from pdgw.tools.decoder.frames.profinet.acyclic import AcyclicDecoder, is_profin
 from pdgw.tools.decoder.frames.profinet.connect import StationNames
 from pdgw.tools.decoder.frames.profinet.cyclic import Axis, CyclicDecoder, given_axes
 from pdgw.tools.decoder.frames.profinet.frames import FRAME_IDS, FrameDecoder
-from pdgw.tools.decoder.frames.records import LinkType, OtherRecord, Record, StepRecord
+from pdgw.tools.decoder.frames.records import LinkType, OtherRecord, Record
 
 __all__ = ["Axis", "CanPacket", "Decoder", "Packet", "Settings", "given_axes"]
 
@@ -121,8 +121,6 @@ class Decoder:
                 return self._real_time(number, time_ns, channel, data[_ETHERNET:], data[:_MACS])
         elif link == LinkType.CAN_SOCKETCAN:
             return self._socketcan(number, time_ns, channel, data)
-        elif link == LinkType.STEPS:
-            return StepRecord(number, time_ns, channel, data)
         return self._general(number, time_ns, link, channel, data)
 
     def decode_can(self, number: int, time_ns: int, channel: str, frame: CanFrame) -> Record:

@@ -49,8 +49,6 @@ class LinkType(enum.IntEnum):
     IPV4 = 228
     IPV6 = 229
     LINUX_SLL2 = 276
-    STEPS = -1
-    """A block with steps of the gateway, not a packet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,10 +318,3 @@ class OtherRecord(Record):
 
     def details(self) -> Document:
         return {"text": self.text, "data": self.data.hex()}
-
-
-@dataclass(slots=True)
-class StepRecord(Record):
-    """Steps of the gateway, or their description: ``data`` is the block."""
-
-    kind: ClassVar[str] = "steps"

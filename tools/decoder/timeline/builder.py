@@ -14,17 +14,19 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from pdgw.durations import MS
 from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
-from pdgw.gateway.trace.reader import Cycle, Parser
+from pdgw.gateway.trace.pcapng import Description
+from pdgw.gateway.trace.reader import Cycle
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, NmtRecord
 from pdgw.tools.decoder.frames.profinet.connect import AlarmRecord, Change, Connection, RelationRecord
 from pdgw.tools.decoder.frames.profinet.cyclic import Axis
-from pdgw.tools.decoder.frames.records import AcyclicRecord, BusKind, CyclicRecord, Record, StepRecord
+from pdgw.tools.decoder.frames.records import AcyclicRecord, BusKind, CyclicRecord, Record
 from pdgw.tools.decoder.timeline.drive_object import RESPONSE_NS, ObjectFollower
 from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Event, WordKind
 
@@ -47,6 +49,15 @@ _MISSING: Final[dict[Direction | BusKind, str]] = {
 NO_STEPS: Final = "no steps of the gateway: a capture of another recorder has no reasons and no refusals"
 
 
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """The steps of a cycle of the gateway; ``time_ns``: that of its last frame."""
+
+    time_ns: int
+    description: Description
+    cycle: Cycle
+
+
 class TimelineBuilder:
     """Both buses of one gateway. ``axes``: in the order of the frame, with their node-IDs. ``watchdog_factor``: the gateway's.
     ``uncertainty_ns``: of the clocks of both buses."""
@@ -63,17 +74,17 @@ class TimelineBuilder:
         for item in self._objects.values():
             self._nodes.setdefault(item.axis.node, []).append(item)
         self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor * cycle_ns)
-        self._steps = Parser("the recording")
+        self._has_steps = False
         self._seen: set[Direction | BusKind | None] = set()
         self._last_ns = 0
 
-    def add(self, record: Record) -> Sequence[Entry | Record]:
+    def add(self, record: Record | Steps) -> Sequence[Entry | Record]:
         """Add a record, roughly in order of time. Return the entries that are complete now, and the packets between them."""
         now = self._last_ns = record.time_ns
         if isinstance(record, CanRecord):
             self._can(record)
-        elif isinstance(record, StepRecord):
-            self._step(record)
+        elif isinstance(record, Steps):
+            self._step(record.description, record.cycle)
         elif isinstance(record, CyclicRecord):
             self._seen.add(record.direction)
             self._exchange.take(record)
@@ -83,7 +94,7 @@ class TimelineBuilder:
             self._alarm(record)
         elif isinstance(record, AcyclicRecord) and not self._objects:
             self._put(Event(now, 0, "PLC", record.summary))
-        if not isinstance(record, StepRecord):
+        if isinstance(record, Record):
             self._put(record)
         if now < self._due:
             return ()
@@ -100,14 +111,11 @@ class TimelineBuilder:
             if item.axis.bus in {"", record.channel}:
                 item.take(record)
 
-    def _step(self, record: StepRecord) -> None:
-        for cycle in self._steps.feed(record.data):
-            if isinstance(cycle, Cycle):
-                description = self._steps.description
-                assert description is not None
-                for traced, step in zip(description.objects, cycle.steps, strict=True):
-                    if traced.do_id in self._objects:
-                        self._objects[traced.do_id].step(cycle.wall_ns, step, traced, description.reasons)
+    def _step(self, description: Description, cycle: Cycle) -> None:
+        self._has_steps = True
+        for traced, step in zip(description.objects, cycle.steps, strict=True):
+            if traced.do_id in self._objects:
+                self._objects[traced.do_id].step(cycle.wall_ns, step, traced, description.reasons)
 
     def _alarm(self, record: AlarmRecord) -> None:
         if record.ended is not None:
@@ -124,7 +132,7 @@ class TimelineBuilder:
 
     def _missing(self) -> Iterator[tuple[int, str]]:
         """Missing data by DO-ID (0: of all)."""
-        if self._objects and self._steps.description is None:
+        if self._objects and not self._has_steps:
             yield 0, NO_STEPS
         yield from ((0, text) for what, text in _MISSING.items() if what not in self._seen)
         for do_id, item in self._objects.items():
