@@ -218,6 +218,18 @@ class NodeClient(abc.ABC, Generic[S]):
         """Time of the node's last TPDO or heartbeat; 0: never."""
         return max([self.heartbeat.time, *(slot.time for slot in self._slots)])
 
+    @property
+    def shown_values(self) -> list[tuple[int, str, list[str]]]:
+        """The TPDOs in the order in which their values are taken: COB-ID, format, image attributes.
+
+        An empty attribute: the value is also read by SDO.
+        """
+        read = {entry.attribute for entry in self._acyclic}
+        return [
+            (slot.cob_id, slot.pdo.struct.format, ["" if name in read else name for name in slot.pdo.attributes])
+            for slot in self._slots
+        ]
+
     def start(self) -> None:
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
         node_id = self.settings.node_id

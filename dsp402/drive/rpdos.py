@@ -83,6 +83,8 @@ class RpdoSender:
         """The command that was sent last or that waits for room on the bus; None: nothing is sent."""
         self.has_turn = False
         self.all_sent = True
+        self.sent_ns = 0
+        """When the last command was given that was sent as it is: nothing of it waits or is withheld."""
         self._data_senders: list[_Sender] = []
         self._paused: list[_Sender] = []
         """All of them during a pause."""
@@ -186,6 +188,8 @@ class RpdoSender:
         sent = not withheld and self._put(self.control, self.control.pdo.pack(command), now)
         if sent and command.controlword & _NEW_SETPOINT:
             self._set_point_sent = True
+        if sent and self.all_sent and command.controlword == asked and command.target_velocity == speed:
+            self.sent_ns = 0 if self._paused else now
         command.controlword = asked
         command.target_velocity = speed
         self.motion_asked = speed != 0 or self._set_point_sent

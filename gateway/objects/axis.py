@@ -136,9 +136,6 @@ class Axis(DriveObject):
         if drive.generation != self._generation:
             self._generation = drive.generation
             inputs.news.append(Configured(drive.drive_type, drive.homing_method))
-            if drive.plan is not None:
-                pdos = (*drive.plan.rpdos, *drive.plan.tpdos)
-                self.note("pdos", tuple((item.cob_id, item.pdo.struct.format, item.pdo.attributes) for item in pdos))
         if self._news or self._future is not None:
             self._deliver(inputs.news)
         if machine.sensor is not None:

@@ -16,7 +16,7 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent
 from pdgw.dsp406.encoder import EncoderClient
-from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
+from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters, position_of, speed_of
 from pdgw.dsp406.objects import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, PROFILE
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.executors.sensor import EncoderReferences
@@ -51,9 +51,11 @@ class ChannelInput:
     """One channel of an encoder as the machines see it."""
 
     def __init__(self, client: EncoderClient, channel: int) -> None:
-        self._client = client
+        self.client = client
         self._channel = channel
         self._feedback = client.feedback.channel(channel)
+        self.attributes = {position_of(channel): "position", speed_of(channel): "speed"}
+        """Its values in TPDOs, by the attribute of the encoder's image."""
 
     @property
     def position(self) -> int:
@@ -61,32 +63,32 @@ class ChannelInput:
 
     @property
     def position_time(self) -> int:
-        return self._client.position_time(self._channel)
+        return self.client.position_time(self._channel)
 
     @property
     def speed(self) -> int | None:
-        return self._feedback.speed if self._client.has_speed(self._channel) else None
+        return self._feedback.speed if self.client.has_speed(self._channel) else None
 
     @property
     def alarms(self) -> int:
-        return self._client.feedback.alarms
+        return self.client.feedback.alarms
 
     @property
     def warnings(self) -> int:
-        return self._client.feedback.warnings
+        return self.client.feedback.warnings
 
     @property
     def error_register(self) -> int:
-        return self._client.feedback.error_register
+        return self.client.feedback.error_register
 
     @property
     def error_code(self) -> int:
-        return self._client.feedback.error_code
+        return self.client.feedback.error_code
 
     @property
     def valid(self) -> bool:
         """A channel that was configured has shown its position before the encoder counts as online."""
-        return self._client.generation > 0
+        return self.client.generation > 0
 
 
 class EncoderObject(DriveObject):

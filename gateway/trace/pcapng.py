@@ -17,8 +17,8 @@ from pdgw.profidrive.frame import CYCLIC_PORT
 
 CONFIGURATION: Final = "pdgw configuration\n"
 """Start of the comment with the gateway's configuration."""
-VERSION: Final = 1
-"""Of the description and of the steps."""
+VERSION: Final = 2
+"""Of the description and of the steps. Steps of version 1 have all that changed, also what the frames have."""
 ETHERNET: Final = 1
 SOCKETCAN: Final = 227
 PLC: Final = "plc"
@@ -50,12 +50,22 @@ CYCLE_HEAD: Final = struct.Struct(">QqqBI")
 FRESH, CONNECTED, ANSWERED, WHOLE = 1, 2, 4, 8
 """Flags of a cycle: begun by a frame of the PLC, with a PLC, answered, with all values of its steps."""
 MASK: Final = struct.Struct(">H")
-"""Before the values of each drive object: the groups that follow, by their number; ``NO_SETPOINTS`` and ``HAS_EVENTS``."""
+"""The step of each drive object: the groups of values that follow, by their number, and the flags below. Without groups, the
+values are those of the step before and of the frames since then."""
+SENT: Final = 1 << 11
+"""The RPDOs have its command."""
+AS_BEFORE: Final = 1 << 12
+"""Only setpoints are taken from the frames: a device is not online."""
+ONLINE: Final = 1 << 13
+"""With groups: the frames have the values, too."""
 NO_SETPOINTS: Final = 1 << 14
 HAS_EVENTS: Final = 1 << 15
 LENGTH: Final = struct.Struct(">I")
 GROUPS: Final = ("setpoints", "flags", "numbers", "feedback", "sensors", "decided", "command")
 """The last two are what a step decided, the others what it was given."""
+SETPOINTS: Final = 1
+VALUES: Final = (1 << len(GROUPS)) - 2
+"""All groups but the setpoints."""
 
 
 _ETHERNET_HEAD: Final = bytes.fromhex("020000000002 020000000001 0800")

@@ -8,11 +8,12 @@ import struct
 from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
 from pdgw.gateway.errors import GatewayError, problem
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
+from pdgw.gateway.trace.step_reader import Routes, Step, StepReader
 from pdgw.gateway.trace.steps import from_json
 from pdgw.profidrive.telegrams import telegram
 
@@ -22,19 +23,9 @@ _UDP_HEADER: Final = 42
 _ETHERNET_HEADER: Final = 14
 _SMALLEST: Final = 12
 _LARGEST: Final = 1 << 24
-
-
-class Step(NamedTuple):
-    """A step of a drive object; ``TracedObject.groups`` has the names of the values. ``events``: plain data, see ``steps``."""
-
-    setpoints: tuple[int, ...] | None
-    flags: tuple[int, ...]
-    numbers: tuple[int, ...]
-    feedback: tuple[int, ...]
-    sensors: tuple[int, ...]
-    decided: tuple[int, ...]
-    command: tuple[int, ...]
-    events: dict[str, Any]
+_CAN_HEAD: Final = struct.Struct(">IB")
+_CAN_DATA: Final = 8
+"""Bytes of a recorded CAN frame before its data."""
 
 
 class Frame(NamedTuple):
@@ -69,8 +60,10 @@ class Parser:
         self._received = self._sent = b""
         self._cyclic: list[bytes] = []
         """Frames from and to the PLC since the last cycle."""
-        self._steps: list[Step | None] = []
-        self._structs: list[list[struct.Struct]] = []
+        self._can: list[Frame] = []
+        """CAN frames since the last cycle."""
+        self._routes: Routes = {}
+        self._objects: list[StepReader] = []
 
     def feed(self, data: bytes) -> Iterator[Description | Frame | Cycle]:
         """What is complete."""
@@ -86,8 +79,11 @@ class Parser:
                 _, _, interface, time_ns, captured, _ = pcapng.PACKET_HEAD.unpack_from(data, at)
                 begin = at + pcapng.PACKET_HEAD.size
                 frame = Frame(time_ns, interface, data[begin : begin + captured])
-                if self.description is not None and interface == len(self.description.buses):
-                    self._cyclic.append(frame.data)
+                if self.description is not None and interface <= len(self.description.buses):
+                    if interface == len(self.description.buses):
+                        self._cyclic.append(frame.data)
+                    else:
+                        self._can.append(frame)
                 yield frame
             elif kind == pcapng.CUSTOM:
                 item = self._custom(data, at)
@@ -132,44 +128,28 @@ class Parser:
         if not isinstance(found, Description):
             raise GatewayError(f"{self._name}: {text}")
         self.description = found
-        self._steps = [None] * len(found.objects)
-        self._structs = [
-            [telegram(item.telegram).setpoints.struct]
-            + [struct.Struct(f">{len(item.groups[group])}q") for group in pcapng.GROUPS[1:]]
-            for item in found.objects
-        ]
+        self._routes = {}
+        self._objects = [StepReader(found, place, self._routes) for place in range(len(found.objects))]
         return found
+
+    def _take_can(self, wall: int) -> None:
+        """The frames of the devices."""
+        for frame in self._can:
+            identifier, size = _CAN_HEAD.unpack_from(frame.data)
+            key = frame.interface, identifier
+            for reader, pdo in self._routes.get(key, {}).items():
+                reader.take(key, pdo, frame.wall_ns - wall, frame.data[_CAN_DATA : _CAN_DATA + size])
+        self._can.clear()
 
     def _cycle(self, content: bytes) -> Cycle | None:
         number, time_ns, wall, flags, _ = pcapng.CYCLE_HEAD.unpack_from(content)
         self._take_cyclic(flags)
+        self._take_can(wall)
         at = pcapng.CYCLE_HEAD.size
-        steps = self._steps
-        for place, structs in enumerate(self._structs):
-            (mask,) = pcapng.MASK.unpack_from(content, at)
-            at += 2
-            last = steps[place]
-            if not mask:
-                if last is not None and last.events:
-                    steps[place] = last._replace(events={})
-                continue
-            values: list[Any] = [None] * len(pcapng.GROUPS) if last is None else list(last[:-1])
-            if mask & pcapng.NO_SETPOINTS:
-                values[0] = None
-            for group, packed in enumerate(structs):
-                if mask & 1 << group:
-                    values[group] = packed.unpack_from(content, at)
-                    at += packed.size
-            events: dict[str, Any] = {}
-            if mask & pcapng.HAS_EVENTS:
-                (size,) = pcapng.LENGTH.unpack_from(content, at)
-                at += pcapng.LENGTH.size + size
-                events = json.loads(content[at - size : at])
-            if last is not None or flags & pcapng.WHOLE:
-                values.append(events)
-                steps[place] = Step(*values)
-        known = [step for step in steps if step is not None]
-        if len(known) < len(steps):
+        for item in self._objects:
+            at = item.read(content, at, flags, self._received)
+        known = [item.step for item in self._objects if item.step is not None]
+        if len(known) < len(self._objects):
             return None
         return Cycle(
             number,

@@ -25,7 +25,7 @@ from pdgw.gateway.identity import build_text
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.place import PREVIOUS, SUFFIX, locked
-from pdgw.gateway.trace.steps import StepRecord, to_json
+from pdgw.gateway.trace.steps import StepRecord, step_record, to_json
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.ethernet import header
 
@@ -95,6 +95,7 @@ class FlightRecorder:
         daemon.loop.counters.add("trace", "lost", "cycles", "not written to the flight recorder", lambda: self.lost)
         daemon.watch.listeners.append(self)
         daemon.recorder = daemon.link.recorder = self
+        self._anchor(daemon.loop.now())
         self._observe()
 
     def start(self) -> None:
@@ -151,7 +152,7 @@ class FlightRecorder:
         self._number += 1
         content = [_PACK_HEAD(self._number, now, wall, flags, response)]
         try:
-            content += [step.take() for step in self._steps]
+            content += [step.take(now) for step in self._steps]
         except (struct.error, TypeError):  # a value that fits no field: the exchange continues
             self.lost += 1
             self._whole = True
@@ -178,13 +179,11 @@ class FlightRecorder:
         daemon = self._daemon
         self._token = self._link.layout_token
         known = {step.machine for step in self._steps}
-        self._steps = [StepRecord(item) for item in daemon.objects]
+        self._steps = [step_record(item) for item in daemon.objects]
         for step in self._steps:
             if step.machine not in known:
                 step.begin()
-        now = daemon.loop.now()
-        self._anchor(now)
-        self._begin(now)
+        self._begin(daemon.loop.now())
 
     def _begin(self, now: int) -> None:
         """Another segment. It has every value once, so it can be read alone."""

@@ -6,19 +6,33 @@ import enum
 import importlib
 import json
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from fractions import Fraction
 from typing import Any, Final, cast
 
+from pdgw.ds301.node.client import NodeClient
 from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.gateway.axis.encoder_machine import EncoderInputs
-from pdgw.gateway.axis.values import EncoderInput, Events, Inputs, Outputs
+from pdgw.gateway.axis.values import EncoderInput, Events, Inputs, Outputs, SdoWrite
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.trace.pcapng import GROUPS, HAS_EVENTS, LENGTH, MASK, NO_SETPOINTS, TracedObject
+from pdgw.gateway.objects.encoder import ChannelInput, EncoderObject
+from pdgw.gateway.trace.pcapng import (
+    AS_BEFORE,
+    GROUPS,
+    HAS_EVENTS,
+    LENGTH,
+    MASK,
+    NO_SETPOINTS,
+    ONLINE,
+    SENT,
+    SETPOINTS,
+    VALUES,
+    TracedObject,
+)
 
 # Values of the gateway as JSON with named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them.
 #
@@ -100,7 +114,11 @@ def recorded_class(name: str) -> Any:
     raise GatewayError(f"{name}: this version has no such value")
 
 
-# The step of a drive object as bytes: what its machine was given and what it decided, as far as it changed.
+# The step of a drive object as bytes: what its machine was given and what it decided.
+#
+# The frames of the same cycle are in the same recording. While they have all that has changed, a step is two bytes, and the
+# reader gets setpoints, feedback and command from the frames. It is recorded with all of its values if something else has
+# changed, if the frames do not have its values (device not online, RPDO waiting), and once a second.
 
 
 _SENSOR: Final = (
@@ -112,14 +130,25 @@ _SENSOR: Final = (
     "error_register",
     "error_code",
     "valid",
+    "ok",
 )
-"""The values of an encoder, as ``EncoderInput`` has them."""
+"""The values of an encoder, as ``EncoderInput`` has them, and whether it is online."""
 NO_SPEED: Final = -(1 << 63)
 """Recorded speed of an encoder without a speed."""
-_SETPOINTS: Final = 1
-_NOTHING: Final = MASK.pack(0)
-_UNKNOWN: Final[tuple[Any, ...]] = (0, *([None] * len(GROUPS)))
-"""The values before the first step: setpoints are None where there is no PLC."""
+_TIMES: Final = {"position_actual": "position_ns", "position": "position_time"}
+"""Values whose time of arrival is a value too."""
+_KNOWN: Final = {"now", "standstill", "saturations"}
+"""Values that need not be recorded: the cycle has the first, and the step sets the others itself."""
+_BY_FRAMES: Final = MASK.pack(0)
+_SENT: Final = MASK.pack(SENT)
+_AS_BEFORE: Final = MASK.pack(AS_BEFORE)
+
+
+def time_of(name: str) -> str:
+    """The value with the time at which the frame with a value came; empty for none."""
+    prefix, point, attribute = name.rpartition(".")
+    time = _TIMES.get(attribute, "")
+    return time and prefix + point + time
 
 
 EVENTS: Final = tuple(sorted(item.name for item in fields(Events)))
@@ -129,83 +158,102 @@ EVENTS: Final = tuple(sorted(item.name for item in fields(Events)))
 def _numbers(item: object) -> dict[str, type]:
     """The attributes with a number, by name; of a new object, because this makes all later accesses to its attributes slow."""
     kinds = ((name, type(getattr(item, name))) for name in dir(item) if name.islower() and not name.startswith("_"))
-    return {name: kind for name, kind in kinds if issubclass(kind, int)}
+    return {name: kind for name, kind in kinds if issubclass(kind, int) and name not in _KNOWN}
 
 
-def _given(item: object) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _given(item: object) -> dict[str, tuple[str, ...]]:
     """The names of flags and of numbers."""
     found = _numbers(item)
     flags = tuple(name for name, kind in found.items() if kind is bool)
-    return flags, tuple(name for name in found if name not in {*flags, "now"})
+    return {"flags": flags, "numbers": tuple(name for name in found if name not in flags)}
 
 
 _AXIS: Final = _given(Inputs(DriveFeedback()))
 _ENCODER: Final = _given(EncoderInputs(cast("EncoderInput", None)))
-_DECIDED: Final = tuple(name for name in _numbers(Outputs(0, None)) if name != "saturations")
+_DECIDED: Final = tuple(_numbers(Outputs(0, None)))
+
+
+_Attribute = tuple[object, str]
+
+
+class _Sensor:
+    """A channel of an encoder that a machine is given."""
+
+    def __init__(self, inputs: Inputs | EncoderInputs, place: int, source: ChannelInput) -> None:
+        self.prefix = f"{place}."
+        self.source = source
+        self._inputs = inputs
+        self._place = place
+
+    @property
+    def ok(self) -> bool:
+        """It is configured, and its data is fresh."""
+        inputs = self._inputs
+        return inputs.encoders_ok[self._place] if isinstance(inputs, Inputs) else inputs.ok
+
+    @property
+    def speed(self) -> int:
+        """As it is recorded."""
+        speed = self.source.speed
+        return NO_SPEED if speed is None else speed
 
 
 class StepRecord:
     """Records one drive object until its telegram changes."""
 
-    def __init__(self, item: DriveObject) -> None:
-        assert isinstance(item, Axis | EncoderObject)
+    def __init__(
+        self,
+        item: DriveObject,
+        inputs: Inputs | EncoderInputs,
+        sources: Sequence[EncoderInput | None],
+        names: Mapping[str, tuple[str, ...]],
+        image: DriveFeedback | None = None,
+    ) -> None:
+        assert item.given is not None
         self._item = item
-        machine = item.machine
-        self._outputs: Outputs = machine.outputs
+        self._given = item.given
+        self._step = inputs
+        outputs = self._outputs = item.outputs
+        self._log = item.fault_log
+        self._sensors = [
+            _Sensor(inputs, place, source) for place, source in enumerate(sources) if isinstance(source, ChannelInput)
+        ]
         setpoints = item.telegram.setpoints
-        flags, numbers = _AXIS if isinstance(item, Axis) else _ENCODER
-        decided = _DECIDED
-        given: dict[str, object] = {"i": machine.inputs, "o": machine.outputs, "log": item.fault_log}
-        names = {"flags": flags, "numbers": numbers, "decided": (*decided, "reason", "faults")}
-        terms = {
-            "flags": [f"i.{name}" for name in flags],
-            "numbers": [f"i.{name}" for name in numbers],
-            "decided": [
-                *(f"o.{name}" for name in decided),
-                "0 if o.reason is None else o.reason.code",
-                "log.count",
-            ],
-        }
-        sources: list[object] = []
-        if isinstance(item, Axis):
-            layout = item.drive.layout
-            given |= {"f": item.drive.feedback, "c": machine.outputs.command}
-            mapped = [name for pdo in layout.tpdos for name in pdo.attributes]
-            names["feedback"] = tuple(dict.fromkeys((*mapped, "position_actual")))
-            names["command"] = tuple(dict.fromkeys(name for pdo in layout.rpdos for name in pdo.attributes))
-            for group, letter in (("feedback", "f"), ("command", "c")):
-                terms[group] = [f"{letter}.{name}" for name in names[group]]
-            sources = list(item.machine.inputs.encoders)
-        else:
-            sources = [item.machine.inputs.source]
-        found = [(place, source) for place, source in enumerate(sources) if source is not None]
-        given |= {f"e{place}": source for place, source in found}
-        names["sensors"] = tuple(f"{place}.{name}" for place, _ in found for name in (*_SENSOR, "ok"))
-        terms["sensors"] = [
-            term
-            for place, _ in found
-            for term in (*(_sensor_term(f"e{place}", name) for name in _SENSOR), _ok_term(item, place))
+        groups = {group: tuple(names.get(group, ())) for group in GROUPS}
+        groups["setpoints"] = setpoints.names
+        groups["sensors"] = tuple(each.prefix + name for each in self._sensors for name in _SENSOR)
+        groups["decided"] = (*_DECIDED, "reason", "faults")
+        self.traced = TracedObject(item.do_id, item.kind, item.node_id, item.network.name, item.telegram.number, groups)
+        self._attributes: list[_Attribute] = [
+            *((inputs, name) for name in (*groups["flags"], *groups["numbers"])),
+            *((image, name) for name in groups["feedback"]),
+            *((each if name in ("ok", "speed") else each.source, name) for each in self._sensors for name in _SENSOR),
+            *((outputs, name) for name in _DECIDED),
+            (self, "reason_code"),
+            (item.fault_log, "count"),
+            *((outputs.command, name) for name in groups["command"]),
         ]
-        names["setpoints"] = setpoints.names
-        texts = [f"({''.join(f'{term},' for term in terms.get(group, ()))})" for group in GROUPS[1:]]
-        # Generated, because a loop over names takes three times as long.
-        orders = "(o.writes, o.probe, *o.presets)"
-        self._read: Callable[[], tuple[Any, ...]] = eval(f"lambda: (i.setpoints, {', '.join(texts)}, {orders})", given)
-        self.traced = TracedObject(
-            item.do_id,
-            item.kind,
-            item.node_id,
-            item.network.name,
-            item.telegram.number,
-            {group: tuple(names.get(group, ())) for group in GROUPS},
-        )
+        """Of all values but the setpoints, in the order of the groups."""
         self._pack_setpoints = setpoints.struct.pack
-        self._packs = [
-            (1 << number, number, struct.Struct(f">{len(names.get(group, ()))}q").pack)
-            for number, group in enumerate(GROUPS)
-            if number
+        self._pack = struct.Struct(f">{len(self._attributes)}q").pack
+        self._devices: list[tuple[NodeClient[Any], dict[str, str]]] = [
+            (each.source.client, {name: each.prefix + value for name, value in each.source.attributes.items()})
+            for each in self._sensors
         ]
-        self._last = _UNKNOWN
+        """The devices, and the names of the values in the step by their image attributes."""
+        self._rpdos: RpdoSender | None = None
+        self._generations: list[int] = []
+        """Those of the devices whose PDOs the recording has; empty: it has none."""
+        self._without_pdo: list[_Attribute] = []
+        self._last: tuple[object, ...] = ()
+        """What no frame has, in the last step; empty: the next step cannot follow from it."""
+        self._presets: list[SdoWrite | None] = []
+        self._was_online = False
+        """The devices are online: the frames have the values of their PDOs."""
+        self._others: list[_Attribute] = []
+        """Further values that the frames do not have now,"""
+        self._other_values: list[Any] = []
+        """in the last step."""
         self._orders: tuple[Any, ...] = (None, None, None, None)
 
     @property
@@ -213,63 +261,175 @@ class StepRecord:
         """The machine whose steps are recorded."""
         return self._outputs
 
+    @property
+    def reason_code(self) -> int:
+        """The reason as it is recorded."""
+        reason = self._outputs.reason
+        return 0 if reason is None else reason.code
+
     def forget(self) -> None:
         """The next step is recorded with all of its values."""
-        self._last = _UNKNOWN
+        self._last, self._generations = (), []
 
-    def take(self) -> bytes:
-        """The last step; the recorder calls it in each cycle."""
-        outputs, item, last = self._outputs, self._item, self._last
-        values = self._last = self._read()
-        mask, parts = 0, [b""]
-        setpoints = values[0]
-        if setpoints != last[0]:
-            if setpoints is None:
-                mask = NO_SETPOINTS
-            else:
-                mask = _SETPOINTS
-                parts.append(self._pack_setpoints(*setpoints))
-        for bit, number, pack in self._packs:
-            group = values[number]
-            if group != last[number]:
-                mask |= bit
-                parts.append(pack(*group))
-        orders = values[-1]
-        if outputs.events is not None or item.given or orders != self._orders:
-            events = self._events(orders)
-            if events:
-                mask |= HAS_EVENTS
-                parts += (LENGTH.pack(len(events)), events)
-        if not mask:
-            return _NOTHING
-        parts[0] = MASK.pack(mask)
-        return b"".join(parts)
+    def _read_values(self) -> tuple[object, ...]:
+        """What no frame has."""
+        raise NotImplementedError
 
-    def _events(self, orders: tuple[Any, ...]) -> bytes:
-        outputs, item = self._outputs, self._item
+    def _has_fresh_data(self) -> bool:
+        """Whether the data of its devices is fresh."""
+        return all(each.ok for each in self._sensors)
+
+    def take(self, now: int) -> bytes:
+        """The last step, of the cycle that began at ``now``; the recorder calls it in each cycle."""
+        outputs, last = self._outputs, self._last
+        values = self._last = self._read_values()
+        sent = self._rpdos is None or self._rpdos.sent_ns == now
+        if (
+            values == last
+            and outputs.events is None
+            and not self._given
+            and outputs.presets == self._presets
+            and (not self._others or _read(self._others) == self._other_values)
+        ):
+            return (_SENT if sent else _BY_FRAMES) if self._was_online else _AS_BEFORE
+        online = self._was_online = self._has_fresh_data()
+        numbers, setpoints = _read(self._attributes), self._step.setpoints
+        mask = VALUES | (ONLINE if online else 0) | (SENT if sent else 0)
+        packed = self._pack(*numbers)
+        if setpoints is None:
+            mask |= NO_SETPOINTS
+        else:
+            mask |= SETPOINTS
+            packed = self._pack_setpoints(*setpoints) + packed
+        events = self._events()
+        if events:
+            mask |= HAS_EVENTS
+            packed += LENGTH.pack(len(events)) + events
+        self._presets = list(outputs.presets)
+        self._others = self._without_pdo if online else self._attributes
+        self._other_values = _read(self._others)
+        return MASK.pack(mask) + packed
+
+    def _events(self) -> bytes:
+        outputs = self._outputs
         document: dict[str, Any] = {}
-        if item.given:
-            document["given"] = [[kind, to_json(value)] for kind, value in item.given]
-            item.given.clear()
+        if self._given:
+            document["given"] = [[kind, to_json(value)] for kind, value in self._given]
+            self._given.clear()
         if outputs.events is not None:
             document |= {name: to_json(value) for name in EVENTS if (value := getattr(outputs.events, name))}
+        orders = outputs.writes, outputs.probe, *outputs.presets
         if orders != self._orders:
             document["orders"] = to_json(orders)
             self._orders = orders
+        generations = [client.generation for client, _ in self._devices]
+        if generations != self._generations:
+            self._generations = generations
+            document["pdos"] = self._find_pdos()
         return json.dumps(document).encode() if document else b""
+
+    def _find_pdos(self) -> list[tuple[str, int, str, Sequence[str]]]:
+        """The PDOs of the devices: bus, COB-ID, format, and the names of their values in the step."""
+        groups = self.traced.groups
+        missing = {*groups["feedback"], *groups["command"], *groups["sensors"], "position_ns"}
+        found: list[tuple[str, int, str, Sequence[str]]] = []
+        for client, names_of in self._devices:
+            bus = client.network.name
+            for cob_id, layout, mapped in client.shown_values:
+                found.append((bus, cob_id, layout, [names_of.get(name, "") for name in mapped]))
+            for item in () if client.plan is None else client.plan.rpdos:
+                found.append((bus, item.cob_id, item.pdo.struct.format, item.pdo.attributes))
+        for *_, mapped_names in found:
+            missing.difference_update(mapped_names, map(time_of, mapped_names))
+        names = [name for group in GROUPS[1:] for name in groups[group]]
+        self._without_pdo = [place for name, place in zip(names, self._attributes, strict=True) if name in missing]
+        return found
 
     def begin(self) -> None:
         """The machine and its settings, before its first step."""
         item = self._item
-        assert item.given is not None
-        machine = item.machine
-        known = [("machine", machine.settings), ("tolerate", item.sign_of_life_tolerance)]
-        item.given[:0] = known
+        assert isinstance(item, Axis | EncoderObject)
+        known = [("machine", item.machine.settings), ("tolerate", item.sign_of_life_tolerance)]
+        self._given[:0] = known
 
 
-def _sensor_term(source: str, name: str) -> str:
-    return f"({NO_SPEED} if {source}.speed is None else {source}.speed)" if name == "speed" else f"{source}.{name}"
+class AxisRecord(StepRecord):
+    """Records an axis."""
+
+    def __init__(self, item: Axis) -> None:
+        machine, drive = item.machine, item.drive
+        layout = drive.layout
+        mapped = [name for pdo in layout.tpdos for name in pdo.attributes]
+        names = _AXIS | {
+            "feedback": tuple(dict.fromkeys((*mapped, "position_actual"))),
+            "command": tuple(dict.fromkeys(name for pdo in layout.rpdos for name in pdo.attributes)),
+        }
+        super().__init__(item, machine.inputs, machine.inputs.encoders, names, drive.feedback)
+        self._inputs = machine.inputs
+        self._drive = drive
+        self._rpdos = drive.rpdos
+        self._devices.insert(0, (drive, {name: name for name in names["feedback"]}))
+
+    def _read_values(self) -> tuple[object, ...]:
+        inputs, outputs = self._inputs, self._outputs
+        return (
+            inputs.setpoints is None,
+            inputs.gateway_stops,
+            inputs.drive_ok,
+            inputs.node_stopped,
+            inputs.set_point_refused,
+            inputs.unacknowledged,
+            inputs.fault_code,
+            outputs.good,
+            outputs.released,
+            outputs.known_off,
+            outputs.motor_hot,
+            outputs.stage_hot,
+            outputs.warning,
+            outputs.warned,
+            outputs.drive_error,
+            outputs.brake,
+            outputs.reason,
+            outputs.writes,
+            outputs.probe,
+            self._log.count,
+            self._drive.generation,
+        )
+
+    def _has_fresh_data(self) -> bool:
+        return self._inputs.drive_ok and super()._has_fresh_data()
 
 
-def _ok_term(item: DriveObject, place: int) -> str:
-    return f"i.encoders_ok[{place}]" if isinstance(item, Axis) else "i.ok"
+class EncoderRecord(StepRecord):
+    """Records a channel of an encoder with a telegram of its own."""
+
+    def __init__(self, item: EncoderObject) -> None:
+        inputs = item.machine.inputs
+        super().__init__(item, inputs, [inputs.source], _ENCODER)
+        self._inputs = inputs
+
+    def _read_values(self) -> tuple[object, ...]:
+        outputs = self._outputs
+        return (
+            self._inputs.setpoints is None,
+            self._inputs.unacknowledged,
+            outputs.good,
+            outputs.warning,
+            outputs.warned,
+            outputs.reason,
+            outputs.writes,
+            self._log.count,
+            self._devices[0][0].generation,
+        )
+
+
+def step_record(item: DriveObject) -> StepRecord:
+    """The recorder of a drive object's steps."""
+    if isinstance(item, Axis):
+        return AxisRecord(item)
+    assert isinstance(item, EncoderObject)
+    return EncoderRecord(item)
+
+
+def _read(attributes: list[_Attribute]) -> list[Any]:
+    return [getattr(item, name) for item, name in attributes]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import lzma
 import zlib
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from pdgw.gateway.configuration.file import config_text, load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace import pcapng
+from pdgw.gateway.trace.reader import RingReader
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.client import dump
@@ -40,7 +42,7 @@ def release(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def test_the_first_release_is_kept() -> None:
     assert "0.9.0" in RELEASES
-    assert (config.FORMAT_VERSION, store.FORMAT_VERSION, dump.FORMAT_VERSION, pcapng.VERSION) == (1, 1, 1, 1), (
+    assert (config.FORMAT_VERSION, store.FORMAT_VERSION, dump.FORMAT_VERSION, pcapng.VERSION) == (1, 1, 1, 2), (
         "a new version needs a test with files of the version before"
     )
 
@@ -100,6 +102,20 @@ def test_the_recording_is_read(release: Path) -> None:
     """Those of 0.9.0 have no steps, and no reasons."""
     done = cli.pdgw("timeline", str(release / "recording.pcapng"))
     assert (done.returncode, "+OPERATION_ENABLED" in done.stdout) == (0, True), done.stdout + done.stderr
+
+
+def test_recorded_steps_of_version_1_are_read(tmp_path: Path) -> None:
+    """They have all that has changed, also what the frames have."""
+    path = tmp_path / "gateway.pcapng"
+    path.write_bytes(lzma.decompress((HERE / "steps-1.pcapng.xz").read_bytes()))
+    with RingReader(path) as ring:
+        cycles = ring.cycles()
+        speeds = {ring.value(cycle, 0, "feedback", "velocity_actual") for cycle in cycles}
+        assert {ring.value(cycle, 0, "command", "target_velocity") for cycle in cycles} == {0, 1500}
+        assert (len(speeds), max(filter(None, speeds))) == (81, 1500)
+        assert {"NEEDS_OFF", "", "QUICK_STOP", "PLC_LOST"} <= {ring.reason(cycle, 0) for cycle in cycles}
+    done = cli.pdgw("timeline", str(path))
+    assert (done.returncode, "QUICK_STOP" in done.stdout) == (0, True), done.stdout + done.stderr
 
 
 # -- files of a newer gateway ------------------------------------------------------------------------------------------------

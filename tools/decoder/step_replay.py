@@ -1,13 +1,12 @@
 """Replay a recording of the gateway: give the machines of this version the recorded inputs, and compare what they decide.
 
-The recorded frames are compared too: those from the PLC and the TPDOs with the inputs, the answers and the RPDOs with the
-decisions. A drive object is compared until its first difference. Without I/O.
+The recorded frames are compared too: the answers and the RPDOs with the decisions, those that an input is taken from with its
+recorded values (``step_reader``). A drive object is compared until its first difference. Without I/O.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
@@ -19,7 +18,8 @@ from pdgw.gateway.axis.values import Events, PresetAnswer, ProbeAnswer, SdoAnswe
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
-from pdgw.gateway.trace.reader import Cycle, Frame, Step
+from pdgw.gateway.trace.reader import Cycle, Frame
+from pdgw.gateway.trace.step_reader import Step
 from pdgw.gateway.trace.steps import EVENTS, NO_SPEED, from_json, to_json
 from pdgw.profidrive.telegrams import telegram
 
@@ -28,7 +28,6 @@ _COUNT: Final = "faults"
 _CONTROL: Final = "controlword"
 _SPEED: Final = "target_velocity"
 _MIDDLE: Final = "the recording begins in the middle of a run: a replay needs its start, as `pdgw run --record` has it"
-_CAN_HEAD: Final = struct.Struct(">IB")
 
 
 class Difference(NamedTuple):
@@ -69,19 +68,13 @@ class _Object:
         traced = description.objects[place]
         self._traced = traced
         self._place = place
-        self._bus = description.buses.index(traced.bus)
         self._reasons = description.reasons
-        self._offsets = description.places.setpoints[place], description.places.actuals[place]
+        self._actuals_at = description.places.actuals[place]
         self._telegram = telegram(traced.telegram)
         self.result = Replayed(f"{traced.kind} {traced.do_id}", traced.telegram)
         self._machine: Any = None
         self._feedback = DriveFeedback()
         self._sensors = [_Sensor(), _Sensor()]
-        self._pdos: dict[int, tuple[struct.Struct, tuple[str, ...]]] = {}
-        self._shown: dict[str, int] = {}
-        """Values of the TPDOs since the drive was configured."""
-        self._sent: list[tuple[tuple[str, ...], tuple[int, ...]]] = []
-        """RPDOs since the last step."""
         self._command: dict[str, int] = {}
         """Of the last step."""
         self._orders: tuple[object, ...] = (None, None, None, None)
@@ -96,7 +89,6 @@ class _Object:
         self.result = before.result
         self.result.telegram = self._traced.telegram
         self._machine, self._feedback, self._sensors = before._machine, before._feedback, before._sensors
-        self._pdos, self._shown = before._pdos, before._shown
         self._command, self._controlword, self._orders = before._command, before._controlword, before._orders
         if self._traced.groups == before._traced.groups:
             self._setters, self._last = before._setters, before._last
@@ -107,18 +99,6 @@ class _Object:
         return bool(self.result.differences)
 
     # -- what the machine was given -----------------------------------------------------------------------------------
-
-    def _take(self, identifier: int, data: bytes) -> None:
-        """A frame on the bus since the last step."""
-        known = self._pdos.get(identifier)
-        if known is None or len(data) < known[0].size:
-            return
-        packed, names = known
-        values = packed.unpack_from(data)
-        if names[0] in self._traced.groups["command"]:
-            self._sent.append((names, values))
-        else:
-            self._shown.update(zip(names, values, strict=True))
 
     def _give(self, step: Step) -> None:
         for kind, value in step.events.get("given", ()):
@@ -139,10 +119,7 @@ class _Object:
         machine = self._machine
         if kind == "machine":
             self._begin(value)
-        elif kind == "pdos":
-            self._pdos = {cob_id: (struct.Struct(text), names) for cob_id, text, names in value}
-            self._shown = {}
-        elif machine is None:
+        elif machine is None or kind == "pdos":  # of version 1
             return
         elif kind == "tolerate":
             machine.tolerate(value)
@@ -197,19 +174,16 @@ class _Object:
 
     # -- what it decides ----------------------------------------------------------------------------------------------
 
-    def step(self, cycle: Cycle, frames: Sequence[tuple[int, int, bytes]]) -> None:
-        """Give the inputs of a cycle, make the step, and compare. ``frames``: bus, identifier and data of those before it."""
+    def step(self, cycle: Cycle) -> None:
+        """Give the inputs of a cycle, make the step, and compare."""
         step = cycle.steps[self._place]
         self._give(step)
-        for bus, identifier, data in frames:
-            if bus == self._bus:
-                self._take(identifier, data)
         machine = self._machine
         if machine is None:
             return
         machine.inputs.now = cycle.time_ns
         outputs = machine.step()
-        found = [*self._compared(step, outputs), *self._compared_frames(cycle, step, outputs)]
+        found = [*step.contradictions, *self._compared(step, outputs), *self._compared_frames(cycle, step, outputs)]
         self.result.steps += 1
         self.result.differences.extend(Difference(cycle.wall_ns, self.result.who, *item) for item in found)
 
@@ -223,9 +197,9 @@ class _Object:
                     yield name, text or "none", now or "none"
             elif name != _COUNT and hasattr(outputs, name) and getattr(outputs, name) != recorded:
                 yield name, recorded, int(getattr(outputs, name))
-        for name, recorded in zip(groups["command"], step.command, strict=True):
+        for name, recorded in zip(groups["command"], step.command, strict=True) if step.is_sent else ():
             if (now := getattr(outputs.command, name, recorded)) != recorded:
-                yield name, recorded, now
+                yield f"{name} in the RPDO" if step.by_frames else name, recorded, now
         events = step.events
         orders = outputs.writes, outputs.probe, *outputs.presets
         if not events and outputs.events is None and orders == self._orders:
@@ -240,43 +214,30 @@ class _Object:
                 yield name, recorded, now
 
     def _compared_frames(self, cycle: Cycle, step: Step, outputs: Any) -> Iterator[tuple[str, object, object]]:
-        setpoints_at, actuals_at = self._offsets
-        inputs = self._machine.inputs
-        if cycle.flags & pcapng.FRESH and setpoints_at is not None and step.setpoints is not None:
-            received = self._telegram.setpoints.struct.unpack_from(cycle.received, setpoints_at)
-            if received != tuple(step.setpoints):
-                yield "setpoints in the frame of the PLC", received, step.setpoints
-        if cycle.flags & pcapng.ANSWERED and actuals_at is not None and cycle.sent:
-            sent = self._telegram.actuals.struct.unpack_from(cycle.sent, actuals_at)
+        if cycle.flags & pcapng.ANSWERED and self._actuals_at is not None and cycle.sent:
+            sent = self._telegram.actuals.struct.unpack_from(cycle.sent, self._actuals_at)
             for name, recorded, now in zip(self._telegram.actuals.names, sent, outputs.actuals, strict=True):
                 if recorded != now:
                     yield name, recorded, now
         command = outputs.command
         now = {name: getattr(command, name) for name in self._traced.groups["command"] if hasattr(command, name)}
         before, self._command = self._command or now, now
-        if getattr(inputs, "drive_ok", False):
-            for name, value in self._shown.items():
-                if (given := getattr(self._feedback, name, value)) != value:
-                    yield f"{name} in the TPDO", value, given
-            yield from self._compared_rpdos(now, before)
-        self._sent.clear()
-
-    def _compared_rpdos(self, now: dict[str, int], before: dict[str, int]) -> Iterator[tuple[str, object, object]]:
-        """An RPDO has the values of this step, or of the one before where it waited. A Controlword may wait for other RPDOs, and
-        its new setpoint for other data. The speed is 0 until the drive confirms the mode of operation."""
-        for names, values in self._sent:
-            for name, value in zip(names, values, strict=True):
-                allowed = {now.get(name, value), before.get(name, value)}
-                if name == _CONTROL and self._controlword is not None:
-                    allowed.add(self._controlword)
-                if name == _CONTROL:
-                    allowed |= {word & ~ControlBit.NEW_SETPOINT for word in allowed}
-                if name == _SPEED:
-                    allowed.add(0)
-                if value not in allowed:
-                    yield f"{name} in the RPDO", value, now.get(name)
-                if name == _CONTROL:
-                    self._controlword = value
+        if not getattr(self._machine.inputs, "drive_ok", False):
+            return
+        # An RPDO has the values of this step, or of the one before where it waited. A Controlword may wait for other RPDOs, and
+        # its new setpoint for other data. The speed is 0 until the drive confirms the mode of operation.
+        for name, value in step.rpdos:
+            allowed = {now.get(name, value), before.get(name, value)}
+            if name == _CONTROL and self._controlword is not None:
+                allowed.add(self._controlword)
+            if name == _CONTROL:
+                allowed |= {word & ~ControlBit.NEW_SETPOINT for word in allowed}
+            if name == _SPEED:
+                allowed.add(0)
+            if value not in allowed:
+                yield f"{name} in the RPDO", value, now.get(name)
+            if name == _CONTROL:
+                self._controlword = value
 
 
 def _setter(item: object, name: str) -> Callable[[int], None]:
@@ -302,7 +263,6 @@ def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
     objects: list[_Object] = []
     results: dict[int, Replayed] = {}
     number: int | None = None
-    frames: list[tuple[int, int, bytes]] = []
     for item in items:
         if isinstance(item, Cycle):
             if number is None and item.number != 1:
@@ -312,12 +272,9 @@ def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
             number = item.number
             for each in objects:
                 if not each.done:
-                    each.step(item, frames)
-            frames.clear()
+                    each.step(item)
         elif isinstance(item, Frame):
-            if len(item.data) >= _CAN_HEAD.size:
-                identifier, size = _CAN_HEAD.unpack_from(item.data)
-                frames.append((item.interface, identifier, item.data[8 : 8 + size]))
+            continue
         elif item.first or objects:
             known = {} if item.first else {each.result.who: each for each in objects}
             number = None if item.first else number

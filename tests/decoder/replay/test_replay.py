@@ -12,6 +12,7 @@ import pytest
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.executors import speed as speed_executor
 from pdgw.gateway.configuration.file import simulated
+from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
@@ -28,6 +29,7 @@ from tests.long.soak.planted import DEFECTS
 from tests.support.gateways import profinet_daemon
 from tests.support.gateways.daemon import OFF, axis, configuration, until, world_of
 from tests.support.gateways.recorded_daemon import differences, record, recorded, recording, replay_of
+from tests.support.gateways.seen_steps import SeenSteps
 from tests.support.readers.timeline import own_timeline
 from tests.tour.console import File, steps
 from tests.tour.tour import DOCUMENTS, ROOT
@@ -88,9 +90,11 @@ def test_a_planted_defect_is_a_difference_of_a_kept_recording(
 @pytest.mark.parametrize("name", RUNS)
 def test_a_recorded_run_is_equal_to_its_end(name: str, tmp_path: Path) -> None:
     tables, happens = RUNS[name]
-    with recorded(configuration(tables), tmp_path) as plc:
+    seen: list[SeenSteps] = []
+    with recorded(configuration(tables), tmp_path, lambda daemon: seen.append(SeenSteps(daemon))) as plc:
         happens(plc)
     results = replay_of(tmp_path)
+    assert seen[0].compare(recording(tmp_path)) > 100
     assert not differences(results)
     assert len(results) == tables.count("do_id")
     assert all(result.steps > 200 for result in results)
@@ -117,19 +121,24 @@ def test_a_changed_rule_is_the_difference(tmp_path: Path, monkeypatch: pytest.Mo
     assert all(item.recorded != item.now for item in result.differences)
 
 
-def changed(folder: Path, kind: str, change: Callable[[bytearray], None]) -> list[Replayed]:
-    """The replay of a recording in which one frame of a kind in operation is another one."""
+def changed(folder: Path, kind: str, change: Callable[[bytearray], None], *, recorded: bool = False) -> list[Replayed]:
+    """The replay of a recording in which one frame of a kind in operation is another one. ``recorded``: the last one before a
+    step that is recorded with its values."""
     file = Path(recording(folder))
     data = bytearray(file.read_bytes())
-    found = []
+    found, last = [], []
     for block, at, length in pcapng.walk(bytes(data)):
         if block == pcapng.PACKET:
             begin = at + pcapng.PACKET_HEAD.size
             (identifier,) = struct.unpack_from(">I", data, begin)
             is_answer = data[begin + 42 : begin + 44] == b"\xc0\x00"
             if {"RPDO": identifier == 0x201, "TPDO": identifier == 0x181, "answer": is_answer}[kind]:
-                found.append((begin, at + length - 4))
-    begin, end = found[len(found) // 3]
+                last = [(begin, at + length - 4)]
+                found += [] if recorded else last
+        elif recorded and block == pcapng.CUSTOM and (cycle := pcapng.cycle_at(bytes(data), at)):
+            found += last if cycle[1] & pcapng.WHOLE else []
+            last = []
+    begin, end = found[len(found) // 2 if recorded else len(found) // 3]
     frame = data[begin:end]
     change(frame)
     data[begin:end] = frame
@@ -137,22 +146,44 @@ def changed(folder: Path, kind: str, change: Callable[[bytearray], None]) -> lis
     return replayed([str(file)])
 
 
-@pytest.mark.parametrize(
-    ("kind", "place", "field"),
-    [("RPDO", 8, "target_velocity in the RPDO"), ("TPDO", 8, "in the TPDO"), ("answer", 47, "NIST_A")],
-)
-def test_a_changed_frame_is_the_difference(kind: str, place: int, field: str, tmp_path: Path) -> None:
-    with recorded(configuration(axis(1)), tmp_path) as plc:
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of an axis that turns at changing speeds for some seconds."""
+    folder = tmp_path_factory.mktemp("turning")
+    with recorded(configuration(axis(1)), folder) as plc:
         plc.enable()
-        for number in range(60):
-            plc.endpoint.set(0, {"NSOLL_A": 0x1000 + 16 * number})
+        for number in range(800):
+            plc.endpoint.set(0, {"NSOLL_A": 0x1000 + 16 * (number % 60)})
             plc.exchange()
+    return folder
 
+
+@pytest.mark.parametrize(
+    ("kind", "place", "field", "before_a_record"),
+    [
+        ("RPDO", 8, "target_velocity in the RPDO", False),
+        ("RPDO", 8, "target_velocity in the RPDO", True),
+        ("TPDO", 8, "statusword in the TPDO", True),
+        ("TPDO", 10, "velocity_actual in the TPDO", True),
+        ("answer", 47, "NIST_A", False),
+    ],
+)
+def test_a_changed_frame_is_the_difference(
+    kind: str, place: int, field: str, before_a_record: bool, turning: Path
+) -> None:
     def change(frame: bytearray) -> None:
         frame[place] ^= 0x15
 
-    found = changed(tmp_path, kind, change)[0].differences
+    found = changed(turning, kind, change, recorded=before_a_record)[0].differences
     assert field in found[0].field
+
+
+@pytest.mark.parametrize(("place", "field"), [(8, "released"), (10, "NIST_A")])
+def test_a_changed_input_between_two_records_changes_decisions(place: int, field: str, turning: Path) -> None:
+    def change(frame: bytearray) -> None:
+        frame[place] ^= 0x15
+
+    assert changed(turning, "TPDO", change)[0].differences[0].field == field
 
 
 def test_a_part_of_a_recording_is_refused(tmp_path: Path) -> None:
@@ -205,7 +236,13 @@ def recorded_on_profinet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Enable, speed, OFF1, PLC in STOP, silence, release and a second connection that writes the parameters again."""
     folder = tmp_path_factory.mktemp("recorded_on_profinet")
     config = profinet_daemon.configuration(axis(1) + axis(2, telegram_number=9), folder / "store.json")
-    with profinet_daemon.plant(config, data_hold=400, before=lambda daemon: record(daemon, folder)) as site:
+    seen: list[SeenSteps] = []
+
+    def before(daemon: Daemon) -> None:
+        seen.append(SeenSteps(daemon))
+        record(daemon, folder)
+
+    with profinet_daemon.plant(config, data_hold=400, before=before) as site:
         site.connect()
         site.run(100 * MS)
         site.enable(1, 0x1000)
@@ -235,6 +272,7 @@ def recorded_on_profinet(tmp_path_factory: pytest.TempPathFactory) -> Path:
         site.run(100 * MS)
         profinet_daemon.parameterise_again(site)
         site.run(300 * MS)
+    assert seen[0].compare(recording(folder)) > 500
     return folder
 
 

@@ -186,7 +186,7 @@ def test_what_an_earlier_run_left_is_kept_once(tmp_path: Path) -> None:
         lambda data: b"",
         lambda data: data[:100],
         lambda data: b"x" * len(data),
-        lambda data: data.replace(b'"version": 1', b'"version": 2'),
+        lambda data: data.replace(b'"version": 2', b'"version": 3'),
         lambda data: data.replace(b'{"": "Description', b'["": "Description', 1),
         lambda data: data.replace(b'{"": "Description', b'{"": "os.system '),
     ],

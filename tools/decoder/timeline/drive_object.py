@@ -16,7 +16,7 @@ from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import GATEWAY_FAULTS, AxisState, Reason
 from pdgw.gateway.trace.pcapng import TracedObject
-from pdgw.gateway.trace.reader import Step
+from pdgw.gateway.trace.step_reader import Step
 from pdgw.gateway.trace.steps import from_json
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.frames.canopen.can_records import (

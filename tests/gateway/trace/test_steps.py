@@ -1,0 +1,189 @@
+"""The recorded steps, which are those of the machines whatever the frames of their devices have."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pdgw.durations import MS
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.values import Inputs, Outputs
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.trace.steps import step_record
+from pdgw.peers.drive import shape
+from tests.support.gateways.daemon import (
+    OFF,
+    ON,
+    SIMULATED_POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    encoder_of,
+    operating,
+    until,
+    world_of,
+)
+from tests.support.gateways.recorded_daemon import differences, recorded, recording, replay_of
+from tests.support.gateways.seen_steps import SeenSteps
+
+TWO_BYTES = 2
+DERIVED = {"fresh", "position_ns", "standstill", "now", "saturations"}
+"""The frames have them, or the machine sets them."""
+
+
+def numbers(item: object) -> list[str]:
+    names = [name for name in dir(item) if name.islower() and not name.startswith("_")]
+    return [name for name in names if isinstance(getattr(item, name), int) and name not in DERIVED]
+
+
+def test_a_step_is_recorded_if_a_value_changes_that_no_frame_has() -> None:
+    """Also a value that is added to inputs or outputs one day."""
+    with operating() as (daemon, plc):
+        item = daemon.axes[0]
+        item.given = []
+        record = step_record(item)
+
+        def taken() -> int:
+            plc.exchange()
+            return len(record.take(item.machine.inputs.now))
+
+        assert taken() > TWO_BYTES
+        assert taken() == TWO_BYTES
+        for image in (item.machine.inputs, item.machine.outputs):
+            for name in numbers(image):
+                before = getattr(image, name)
+                other = Brake.NMT_STOP if name == "brake" else not before if isinstance(before, bool) else before + 1
+                setattr(image, name, other)
+                assert len(record.take(item.machine.inputs.now)) > TWO_BYTES, name
+                setattr(image, name, before)
+                assert len(record.take(item.machine.inputs.now)) > TWO_BYTES, name
+        item.machine.outputs.reason = Reason.PLC_STOP
+        assert len(record.take(item.machine.inputs.now)) > TWO_BYTES
+        item.fault_log.count += 1
+        assert len(record.take(item.machine.inputs.now)) > TWO_BYTES
+        assert numbers(Inputs(item.drive.feedback))
+        assert numbers(Outputs(0, None))
+
+
+def run(plc: Plc, cycles: int) -> None:
+    for _ in range(cycles):
+        plc.exchange()
+
+
+def turn(plc: Plc, cycles: int = 150) -> None:
+    """All axes turn at changing speeds; the first one starts and stops."""
+    for index in range(len(plc.daemon.axes)):
+        plc.endpoint.set(index, {"STW1": OFF | 1 << 7})
+    run(plc, 20)
+    for index in range(len(plc.daemon.axes)):
+        plc.enable(index)
+    for number in range(cycles):
+        for index, item in enumerate(plc.daemon.axes):
+            name = "NSOLL_A" if item.telegram.number in (1, 2) else "NSOLL_B"
+            plc.endpoint.set(index, {name: (0x400 + 16 * number) << (0 if name == "NSOLL_A" else 16)})
+        plc.exchange()
+    plc.endpoint.set(0, {"STW1": OFF})
+    run(plc, 60)
+    plc.enable()
+
+
+def with_losses(plc: Plc) -> None:
+    turn(plc, 30)
+    plc.silent = True
+    run(plc, 100)
+    plc.silent = False
+    plc.endpoint.bad = {0}
+    run(plc, 10)
+    plc.endpoint.bad = set()
+    plc.enable()
+    plc.endpoint.run = False
+    run(plc, 10)
+    plc.endpoint.run = True
+    plc.enable()
+    plc.daemon.stop()
+    for _ in range(400):
+        plc.endpoint.set(0, {"NSOLL_A": 7})
+        if not plc.daemon.stopped.is_set():
+            plc.exchange()
+
+
+def restarts(plc: Plc) -> None:
+    """The drive restarts in operation, is silent, loses its wire."""
+    turn(plc, 30)
+    drive = drive_of(plc.daemon)
+    drive.node.restart()
+    run(plc, 300)
+    turn(plc, 10)
+    drive.do(lambda node: node.start_fault("lost-pdos", every=1))
+    run(plc, 100)
+    drive.do(lambda node: node.end_fault())
+    run(plc, 300)
+    turn(plc, 10)
+    port = world_of(plc.daemon).gateway_port("world")
+    port.connect(False)
+    run(plc, 100)
+    port.connect(True)
+    run(plc, 300)
+    turn(plc, 10)
+
+
+def tasks(plc: Plc) -> None:
+    """Jogging of a positioner: setpoints that wait for their data."""
+    plc.enable()
+    for word in (ON | 1 << 8, ON, ON | 1 << 9, ON, ON & ~2):
+        plc.endpoint.set(0, {"STW1": word})
+        run(plc, 60)
+
+
+def sensors(plc: Plc) -> None:
+    """An encoder turns, restarts and is lost while the axis turns."""
+    turn(plc, 60)
+    encoder_of(plc.daemon).node.restart()
+    run(plc, 250)
+    turn(plc, 60)
+
+
+SMALL = '[can]\ninterface = "virtual"\nchannel = "world"\nbitrate = 1000000\n'
+ENCODER = "[[encoder]]\ndo_id = 9\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
+SECOND = ENCODER.replace("9", "8").replace("20", "21")
+CASES: dict[str, tuple[str, str, str | None, Callable[[Plc], None]]] = {
+    "RPDOs wait for room": ("".join(axis(n, telegram_number=3) for n in range(1, 7)), SMALL, None, turn),
+    "losses and the end of the gateway": (axis(1), "", None, with_losses),
+    "restarts": (axis(1), "", None, restarts),
+    "encoders as G1 and G2": (
+        axis(1, telegram_number=4, more="simulate = true\ng1 = 9\ng2 = 8") + ENCODER + SECOND,
+        "",
+        None,
+        sensors,
+    ),
+    "setpoints held for their data": (axis(1, telegram_number=111, more=SIMULATED_POSITIONER), "", None, tasks),
+    **{
+        f"telegram {number} and the drive {name}": (axis(1, telegram_number=number, more=""), "", name, turn)
+        for name, number in itertools.product(("fixed-pdo", "no-event-timer", "vl", "mode-late", "four-pdo"), (1, 3))
+    },
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_recording_has_the_steps_of_the_machines(name: str, tmp_path: Path) -> None:
+    tables, can, of_shape, happens = CASES[name]
+    seen: list[SeenSteps] = []
+
+    def before(daemon: Daemon) -> None:
+        seen.append(SeenSteps(daemon))
+        if of_shape:
+            world_of(daemon).drive("world", 1, shape=shape(of_shape))
+        if can:
+            world_of(daemon).gateway_places = 2
+
+    with recorded(configuration(tables, can=can), tmp_path, before) as plc:
+        until(plc.daemon, lambda: all(client.generation for client in plc.daemon.clients), "online", 20_000 * MS)
+        happens(plc)
+    by_frames = seen[0].compare(recording(tmp_path))
+    assert not differences(replay_of(tmp_path))
+    assert by_frames > 100
