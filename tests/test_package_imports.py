@@ -26,7 +26,7 @@ _DS301 = (
 """Modules of ``ds301`` below its sub-packages."""
 _DSP402 = "dsp402.drive_type dsp402.modes dsp402.objects dsp402.states"
 """Modules of ``dsp402`` below its sub-packages."""
-_LOW = "gateway.errors gateway.reasons gateway.identity gateway.platform gateway.store"
+_LOW = "gateway.errors gateway.reasons gateway.identity gateway.platform gateway.ports gateway.store"
 """Modules of ``gateway`` below its sub-packages."""
 _ALL = f"{_FIELD} gateway peers tools"
 _COMMAND_LINE = (
@@ -93,7 +93,7 @@ ROWS = {
     "peers.drive": "ds301 dsp402 peers.node peers.option_values",
     "peers.drive.model": "ds301 dsp402 peers.drive.objects peers.option_values",
     "peers.encoder": "ds301 dsp406 peers.habits peers.node peers.option_values",
-    "peers.bus": "ds301 gateway.errors peers.node",
+    "peers.bus": "ds301 gateway.errors gateway.ports peers.node",
     "peers.plc.exchange": f"{_FIELD} gateway",
     "peers.plc": f"{_FIELD} gateway tools.client peers.plc.exchange",
     "peers.controller": f"{_FIELD} gateway tools.client peers.plc",

@@ -96,8 +96,8 @@ class PdoPlan:
     def lines(self) -> tuple[str, ...]:
         """For the user: each PDO, the objects transferred by SDO, and the notes."""
         by_sdo = ((self.written, "written by SDO when they change"), (self.read, "read by SDO every 100 ms"))
-        told = [f"{what}: {', '.join(map(str, entries))}" for entries, what in by_sdo if entries]
-        return (*map(str, (*self.rpdos, *self.tpdos)), *told, *self.notes)
+        by_sdo_lines = [f"{what}: {', '.join(map(str, entries))}" for entries, what in by_sdo if entries]
+        return (*map(str, (*self.rpdos, *self.tpdos)), *by_sdo_lines, *self.notes)
 
     def frames(self, node_id: int, cycle_rate: float, tpdo_rate: float, often: Collection[str]) -> list[CyclicFrames]:
         """The frames of its PDOs when every value changes in every cycle; rates per second, of event-driven TPDOs ``tpdo_rate``.

@@ -52,7 +52,7 @@ def test_every_row_of_the_power_table_applies_to_some_state() -> None:
     assert len(CELLS) == len(EVERYTHING)
 
 
-def test_each_command_that_wants_standstill_has_a_limit_of_its_effect() -> None:
+def test_each_command_to_stop_has_a_limit_of_its_effect() -> None:
     """A drive with power must leave its state in time, or become slower. Only a drive that follows the PLC has no limit."""
     powered = set(Drive) - set(UNPOWERED) - {Drive.NO_REFERENCES}
     for name, item in walk(drives=powered):

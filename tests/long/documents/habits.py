@@ -50,5 +50,5 @@ def _reaction(habit: Habit, case: Case) -> str:
     chosen += [f"beside `{name}`" for name in case.beside]
     device = "as G1 of a drive" if case.device is Device.SENSOR else case.device.value
     situation = ", ".join([device, case.activity.value, *chosen])
-    told = ", ".join(map(str, case.numbers))
-    return f"{situation}: {case.reaction.value}" + (f" (fault {told} within {case.within_ms} ms)" if told else "")
+    numbers = ", ".join(map(str, case.numbers))
+    return f"{situation}: {case.reaction.value}" + (f" (fault {numbers} within {case.within_ms} ms)" if numbers else "")
