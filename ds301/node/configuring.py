@@ -128,7 +128,7 @@ class ConfiguringAccess(SdoAccess):
     def write_checked(self, step: SdoStep) -> None:
         """Write and read back; the package's error when the node does not hold the value."""
         self.do(step)
-        found = self.read(step.index, step.subindex)
+        found = self.read(step.index, step.subindex)[: len(step.data)]  # some devices send 32 bits for every number
         if found != step.data:
             raise self.error_type(step.meaning, found.hex(), f"{step.data.hex()} when read back")
 

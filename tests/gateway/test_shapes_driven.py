@@ -165,6 +165,15 @@ def test_a_drive_of_a_gateway_that_dies_stops_by_what_the_status_names(name: str
         world_of(daemon).gateway_port("world").connect(True)
 
 
+@pytest.mark.parametrize("name", ["node-guarding", "rpdo-timeout"])
+def test_drive_that_answers_each_sdo_with_four_bytes_is_guarded(name: str) -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        _drive(daemon, name).do(lambda node: node.start_fault("sdo-four-bytes"))
+        online(daemon)
+        (status,) = snapshot(daemon)["axes"]
+        assert status["guarding"] == GUARDED[name]
+
+
 def test_allow_unguarded_operates_a_drive_that_has_nothing_and_says_so() -> None:
     with running(configuration(axis(1, more="allow_unguarded = true"))) as daemon:
         _drive(daemon, "unguarded")
