@@ -179,7 +179,7 @@ class DscExecutor(Executor):
     def _held_at_limit(self) -> Reason | None:
         """An axis that was stopped at a limit of the drive does not move after the release until speed 0 and KPC 0."""
         demand, way = self._asked, self._velocity
-        if not way:
+        if not way and self.choices.form is not _BY_SPEED:
             way = self.command.target_position - self.feedback.position_actual
             way *= abs(way) > self._at_target
         if self._limit.step(way, self._tolerance, self):

@@ -327,9 +327,10 @@ def test_limit_bit_of_an_axis_at_its_target_is_nothing(form: DscForm) -> None:
     rig.node.model.disguises.append(limited)
     for speed in (1 << 28, 0):
         rig.values["NSOLL_B"] = speed
-        rig.step(400)
-        assert rig.stepper.reason is None
-    assert not rig.stepper.warning
+        for _ in range(400):
+            rig.step()
+            assert rig.stepper.reason is None
+            assert not rig.stepper.warning
 
 
 @pytest.mark.parametrize("form", FORMS)
