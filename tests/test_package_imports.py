@@ -164,7 +164,7 @@ BUDGET = {
     "tools.decoder.timeline": 6779,
     "tools.decoder.export": 4756,
     "tools.client": 6513,
-    "tools.web": 8846,
+    "tools.web": 8965,
     "tools.web.status": 2696,
     "tools.web.server": 2685,
     "tools.recording": 5325,
@@ -192,9 +192,9 @@ BUDGET = {
     "tools.service": 2312,
     "beside": 2105,
     "tests/long": 62370,
-    "tests": 577551,
+    "tests": 578146,
     "*.c": 0,
-    "*.js": 1006,
+    "*.js": 1018,
     "*.toml": 1645,
 }
 """The code tokens that each package may have, without its sub-packages; the lines that C, JavaScript and TOML may have.

@@ -18,6 +18,7 @@ from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.output.reports import Check, Report
 from pdgw.tools.recording.recordings import Part, write_page
+from pdgw.tools.web import stream
 from tests.support.axis.recorded import RecordedRig, speed
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
@@ -234,10 +235,18 @@ def test_axis_view_has_words_by_bits_and_a_live_trend(shown: Shown) -> None:
     with tab.expect_download() as download:
         tab.get_by_role("link", name="CSV").click()
     assert "NIST_A" in Path(download.value.path()).read_text()
+    drive_of(shown.daemon).node.power_off()
+    shown.until(lambda: not shown.daemon.axes[0].good, "drive lost")
+    for _ in range(10):
+        shown.plc.exchange()
+    reads(tab, ".u-series", "NIST_A (rpm)\u2013")
+    reads(tab, ".u-series", "NSOLL_A (rpm)2250.0")
     assert shown.noise == []
 
 
-def test_values_are_marked_old_while_gateway_or_page_does_not_answer(shown: Shown) -> None:
+def test_values_are_marked_old_while_gateway_or_page_does_not_answer(
+    shown: Shown, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tab = shown.tab
     reads(tab, "[role=status]", "live")
     shown.gateway.failure = "stopped"
@@ -254,7 +263,10 @@ def test_values_are_marked_old_while_gateway_or_page_does_not_answer(shown: Show
         served = first.enter_context(page(shown.daemon.config, shown.gateway, port=free_tcp_port()))
         tab = shown.browser.new_context().new_page()
         tab.set_default_timeout(PATIENCE_MS)
-        tab.goto(f"{served.address}/")
+        with monkeypatch.context() as patched:
+            patched.setattr(stream, "STREAMS_MAX", 0)
+            tab.goto(f"{served.address}/")
+            reads(tab, "[role=alert]", "0 pages are open; that is the maximum. Values below are old.")
         reads(tab, "[role=status]", "live")
     reads(tab, "[role=alert]", "This page lost its connection at")
     reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")

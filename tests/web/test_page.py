@@ -6,6 +6,8 @@ import csv
 import io
 import json
 import socket
+import struct
+import threading
 import zipfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.gateway.reasons import Reason
+from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.decoder.capture.pcap import read_capture
@@ -22,8 +25,9 @@ from pdgw.tools.web.app import READS_PER_S, Allowance
 from pdgw.tools.web.server.guard import HEADERS
 from pdgw.tools.web.server.server import CONNECTIONS_MAX
 from pdgw.tools.web.status.events import KEPT, EventLog
+from pdgw.tools.web.status.feed import Document
 from pdgw.tools.web.stream import STREAMS_MAX
-from pdgw.tools.web.trend import usual
+from pdgw.tools.web.trend import Traces, usual
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, events_of, page, until
@@ -406,6 +410,60 @@ def test_a_stream_brings_what_the_recorder_wrote_since(turning: Turning) -> None
     assert isinstance(chunk, dict)
     assert chunk["do_id"] == 1
     assert min(chunk["values"][1]) == 750
+
+
+def test_actual_values_end_while_the_drive_is_lost_and_return(turning: Turning) -> None:
+    def newest() -> list[object]:
+        document = turning.page.document("/api/v1/objects/1/trace?seconds=1&signals=NIST_A,NSOLL_A,velocity")
+        return [column[-1] for column in document["values"]]
+
+    assert newest() == [1500, 1500, 1500]
+    turning.lose_drive()
+    assert newest() == [None, 1500, None], "the PLC still receives its last speed, marked as bad"
+    drive_of(turning.daemon).node.start(turning.daemon.loop.now())
+    turning.plc.until(lambda: turning.daemon.axes[0].good, "the drive is back")
+    turning.plc.exchange()
+    assert newest() == [0, 1500, 0]
+
+
+def test_trend_and_history_at_once_use_a_reader_each(turning: Turning, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reader keeps its place in the ring, so two threads would read a piece twice or not at all."""
+    threads: dict[RingReader, set[int]] = {}
+    follow = RingReader._follow
+
+    def watched(reader: RingReader) -> None:
+        threads.setdefault(reader, set()).add(threading.get_ident())
+        follow(reader)
+
+    monkeypatch.setattr(RingReader, "_follow", watched)
+    traces = Traces(lambda: turning.gateway.document)
+    documents: list[Document] = []
+    thread = threading.Thread(
+        target=lambda: documents.extend(traces.history(1, 10, ["NIST_A"], None) for _ in range(20))
+    )
+    thread.start()
+    tick = 0
+    while thread.is_alive():
+        turning.plc.exchange()
+        tick += 1
+        assert b'"error"' not in traces.live(1, tick)
+    thread.join()
+    assert len(documents) == 20
+    assert all(len(used) == 1 for used in threads.values())
+
+
+def test_trend_that_cannot_be_read_leaves_the_status_alone(turning: Turning, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RingReader, "cycles", lambda *_: struct.unpack(">I", b""))
+    with stream(turning.page, "?trace=1") as messages:
+        found = [next(messages) for _ in range(20)]
+        assert sum(kind == "status" for kind, _, _ in found) > 5
+        error = next(data for kind, _, data in found if kind == "trace")
+        assert error == {"do_id": 1, "error": "unpack requires a buffer of 4 bytes"}
+        monkeypatch.undo()
+        for _, _, data in messages:
+            turning.plc.exchange()
+            if isinstance(data, dict) and data.get("values"):
+                break
 
 
 def test_the_trend_follows_the_daemon_to_its_next_ring(turning: Turning, tmp_path: Path) -> None:

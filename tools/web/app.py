@@ -212,7 +212,7 @@ class Interface:
         return self._large(lambda: Response(self._last(seconds), media_type="application/x-pcapng", headers=headers))
 
     def _last(self, seconds: float) -> bytes:
-        return self._capture(self._traces.reader().path, seconds)
+        return self._capture(self._traces.path, seconds)
 
     async def _support(self, _: Request) -> ASGIApp:
         headers = {"content-disposition": 'attachment; filename="pdgw-support.zip"'}

@@ -17,8 +17,8 @@ from pdgw.tools.web.status.feed import Feed
 STREAMS_MAX = 20
 _COMMENT_AFTER_S = 5.0
 _RETRY_MS = 1000
-Samples = Callable[[], bytes | None]
-"""The next message with samples, None while there are none."""
+Samples = Callable[[], bytes]
+"""The next message with samples, empty while there are none."""
 
 
 async def parts(feed: Feed, log: EventLog, last_id: int, samples: Samples | None) -> AsyncIterator[bytes]:
@@ -32,7 +32,7 @@ async def parts(feed: Feed, log: EventLog, last_id: int, samples: Samples | None
         if feed.ticks:
             message += feed.message
         if samples is not None:
-            message += samples() or b""
+            message += samples()
         if message:
             yield message
         while not await feed.next_tick(_COMMENT_AFTER_S):

@@ -31,6 +31,8 @@ BINS_MAX = 5000
 _LIVE_BIN_S = 0.02
 _LIVE_MAX_S = 2.0
 """A stream that was not served for longer has a gap."""
+_RETRY_TICKS = 10
+"""Ticks after which a ring that cannot be read is opened again."""
 Column = list[float | None]
 Value = Callable[[Cycle], float | None]
 
@@ -58,7 +60,11 @@ def curves(reader: RingReader, number: int, item: Document) -> dict[str, Curve]:
 
 
 def _signals(reader: RingReader, number: int, chosen: Telegram, item: Document) -> Iterator[Curve]:
-    for half, get in ((chosen.setpoints, reader.setpoints), (chosen.actuals, reader.actuals)):
+    def actuals(cycle: Cycle, number: int) -> Sequence[int] | None:
+        """None while the device is lost: the PLC receives its last values, marked as bad."""
+        return reader.actuals(cycle, number) if reader.value(cycle, number, "decided", "good") else None
+
+    for half, get in ((chosen.setpoints, reader.setpoints), (chosen.actuals, actuals)):
         for place, signal in enumerate(half.signals):
             if signal.bits:
                 continue
@@ -148,7 +154,7 @@ def _extremes(column: Column) -> tuple[float | None, float | None]:
 
 
 class Traces:
-    """The ring of a gateway, opened when it is first asked for and again when the daemon has made a new one.
+    """The ring of a gateway. A reader belongs to one thread: ``live`` keeps one, ``history`` opens its own.
 
     ``status``: the newest status; its ``trace`` has the path. GatewayError when there is no ring or no such drive object.
     """
@@ -158,13 +164,19 @@ class Traces:
         self._reader: RingReader | None = None
         self._live: dict[int, _Live] = {}
 
-    def reader(self) -> RingReader:
+    @property
+    def path(self) -> Path:
         """The ring that is written now, or was last."""
         path = self._status().get("trace")
         if not path:
             raise GatewayError("the gateway has no flight recorder; set [trace] enabled and a directory in RAM")
-        if self._reader is None or self._reader.path != Path(path) or self._reader.replaced:
-            self._reader = RingReader(Path(path))  # an older reader is closed when no client uses it any more
+        return Path(path)
+
+    def _follow(self) -> RingReader:
+        """The reader of ``live``, a new one when the daemon has made a new ring."""
+        path = self.path
+        if self._reader is None or self._reader.path != path or self._reader.replaced:
+            self._reader = RingReader(path)
         return self._reader
 
     def item(self, reader: RingReader, do_id: int) -> tuple[int, Document]:
@@ -186,8 +198,8 @@ class Traces:
         return [found[name] for name in names or usual(found, telegram(reader.layout.objects[number].telegram))]
 
     def history(self, do_id: int, seconds: float, names: Sequence[str], bins: int | None) -> Document:
-        """The last ``seconds`` as far as the ring has them, on a thread."""
-        reader = self.reader()
+        """The last ``seconds`` as far as the ring has them, on any thread."""
+        reader = RingReader(self.path)
         chosen = self.chosen(reader, do_id, names)
         newest = reader.cycles(at_most=1)
         times: list[float] = []
@@ -204,36 +216,47 @@ class Traces:
             times, values = binned(times, values, seconds / bins)
         return _document(do_id, chosen, times, values)
 
-    def live(self, do_id: int, tick: int) -> bytes | None:
-        """New samples since the last tick as an event, the same for all streams; None without any."""
+    def live(self, do_id: int, tick: int) -> bytes:
+        """New samples since the last tick as an event, the same for all streams, or why there are none; empty without news.
+
+        Called on one thread. It raises nothing, because the status of the stream must not end with the trend.
+        """
         known = self._live.get(do_id)
-        if known is not None and known.tick == tick:
-            return known.message
-        try:
-            reader = self.reader()
-            chosen = self.chosen(reader, do_id, ())
-        except GatewayError:
-            self._live.pop(do_id, None)
-            return None
+        if known is None or tick >= known.due:
+            try:
+                known = self._next(do_id, tick + 1, known)
+            except Exception as error:  # another process writes the ring
+                self._reader = None
+                known = _Live(None, tick + _RETRY_TICKS, 0, _message({"do_id": do_id, "error": str(error)}))
+            self._live[do_id] = known
+        return known.message
+
+    def _next(self, do_id: int, due: int, known: _Live | None) -> _Live:
+        reader = self._follow()
+        chosen = self.chosen(reader, do_id, ())
         newest = reader.newest_cycle
         after = known.after if known is not None and known.reader is reader else newest
-        at_most = int(_LIVE_MAX_S * SECOND / reader.layout.cycle_ns)
-        cycles = reader.cycles(after, at_most)
+        cycles = reader.cycles(after, int(_LIVE_MAX_S * SECOND / reader.layout.cycle_ns))
+        if not cycles:
+            return _Live(reader, due, after, b"")
         times = [cycle.wall_ns / SECOND for cycle in cycles]
         document = _document(do_id, chosen, *binned(times, columns(cycles, chosen), _LIVE_BIN_S))
-        message = b"event: trace\ndata: " + json.dumps(document).encode() + b"\n\n" if cycles else None
-        self._live[do_id] = _Live(reader, tick, cycles[-1].number if cycles else after, message)
-        return message
+        return _Live(reader, due, cycles[-1].number, _message(document))
 
 
 @dataclass(frozen=True, slots=True)
 class _Live:
     """The last samples sent to the streams of a drive object."""
 
-    reader: RingReader
-    tick: int
+    reader: RingReader | None
+    due: int
+    """The tick from which newer ones are read."""
     after: int
-    message: bytes | None
+    message: bytes
+
+
+def _message(document: Document) -> bytes:
+    return b"event: trace\ndata: " + json.dumps(document).encode() + b"\n\n"
 
 
 def _parts(reader: RingReader, after: int, last: int) -> Iterator[list[Cycle]]:

@@ -23,7 +23,7 @@ const TITLES = { axes: "Axes", plc: "PLC", buses: "Buses", parameters: "Paramete
 const state = {
   status: null, // the newest document of the gateway
   received: 0, // when it came, by this machine's clock
-  connection: "connecting", // live, lost, full, login
+  connection: "connecting", // live, lost, closed, refused, login
   lostAt: null,
   events: [],
   states: {}, // word and symbol of each state
@@ -51,7 +51,8 @@ const stream = new Stream({
     state.events.length = Math.min(state.events.length, EVENTS_MAX);
   },
   onTrace: (samples) => axis.samples(samples),
-  onState: (connection) => {
+  onState: (connection, why) => {
+    state.why = why;
     if (connection === state.connection) return;
     if (connection === "live") state.lostAt = null;
     else state.lostAt ??= Date.now();

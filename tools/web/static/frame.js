@@ -41,9 +41,9 @@ const note = (text) => html`<p class="banner note">${text}</p>`;
 export function banners(state) {
   const { status } = state;
   const shown = [];
-  if (state.connection === "lost" || state.connection === "full") {
-    const why = state.connection === "full" ? "Too many pages are open, or the server closed this one." : `This page lost its connection at ${clock(state.lostAt)}.`;
-    shown.push(alert(`${why} Values below are old. Trying again.`));
+  if (["lost", "closed", "refused"].includes(state.connection)) {
+    const why = state.why ?? `This page lost its connection at ${clock(state.lostAt)}`;
+    shown.push(alert(`${why}. Values below are old. Trying again.`));
   } else if (state.connection === "live" && status?.stale) {
     const since = status.answered ? clock(status.answered * 1000) : "this page was opened";
     shown.push(alert(`The gateway does not answer since ${since}: ${status.failure}. Values below are old.`));

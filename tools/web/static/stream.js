@@ -62,19 +62,24 @@ export class Stream {
   }
 
   async lost() {
-    this.onState(await this.cause());
+    const [state, text] = await this.cause();
+    this.onState(state, text);
     clearTimeout(this.retry);
     this.retry = setTimeout(() => this.open(), RETRY_MS);
   }
 
-  // EventSource does not tell why: ask.
+  // EventSource does not tell why: ask for a stream in a way that shows the refusal.
   async cause() {
+    const stop = new AbortController();
+    setTimeout(() => stop.abort(), 2000);
     try {
-      const answer = await fetch("/api/v1/status", { cache: "no-store", signal: AbortSignal.timeout(2000) });
-      if (answer.status === 401) return "login";
-      return answer.status === 200 || answer.status === 503 ? "full" : "lost";
+      const answer = await fetch(`/api/v1/events?after=${this.lastId}`, { cache: "no-store", signal: stop.signal });
+      if (answer.status === 401) return ["login"];
+      return answer.ok ? ["closed", "The server closed the connection of this page"] : ["refused", (await answer.json()).error];
     } catch {
-      return "lost";
+      return ["lost"];
+    } finally {
+      stop.abort();
     }
   }
 }

@@ -7,7 +7,7 @@ import { DASH, clock, number } from "./format.js";
 
 const WINDOWS = [[10, "10 s"], [60, "60 s"], [600, "10 min"]];
 const BINS = 800;
-const HEIGHT = 240;
+const [HEIGHT, GAP_S] = [240, 2];
 const KEPT_S = 660; // so that ten minutes are there after ten minutes, however far back the gateway remembers
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -70,7 +70,12 @@ export class Trend {
   }
 
   samples(chunk) {
-    if (chunk.do_id !== this.doId || !this.data || !chunk.time.length) return;
+    if (chunk.do_id !== this.doId || (!this.data && !this.error)) return;
+    if (chunk.error || this.error) {
+      if (!chunk.error) this.load();
+      this.error = chunk.error;
+      return;
+    }
     if (JSON.stringify(chunk.signals) !== JSON.stringify(this.signals)) {
       this.load();
       return;
@@ -80,7 +85,8 @@ export class Trend {
     if (first < 0) return;
     const oldest = chunk.time.at(-1) - KEPT_S;
     const drop = Math.max(0, this.data[0].findIndex((time) => time >= oldest));
-    this.data = [chunk.time, ...chunk.values].map((column, place) => this.data[place].slice(drop).concat(column.slice(first)));
+    const end = (place) => (chunk.time[first] - last > GAP_S ? [place ? null : last + 0.001] : []); // the curve ends where no data came
+    this.data = [chunk.time, ...chunk.values].map((column, place) => this.data[place].slice(drop).concat(end(place), column.slice(first)));
     if (!this.paused) this.show();
   }
 
