@@ -225,10 +225,10 @@ class Reason(enum.Enum):
         "check the home switch and the homing speeds; then start homing again",
     )
     FUNCTION_RUNS = (
-        "another function of the positioner is active: it must end first",
+        "an edge of STW1.6 or STW1.11 came while another function of the positioner was active: it starts nothing",
         _S.WAITS,
         _E.SETPOINT,
-        "end the active function",
+        "end the active function, then send the edge again",
     )
     TASK_BLOCK_UNKNOWN = (
         "traversing block does not exist: nothing moves",
@@ -297,10 +297,10 @@ class Reason(enum.Enum):
         "use active homing",
     )
     REFERENCE_POINT_MOVING = (
-        "a reference point can be set only at standstill and without a task",
+        "the reference point was not set: the axis moved, or a task was active",
         _S.WAITS,
         _E.SETPOINT,
-        "wait for standstill and end the task",
+        "at standstill and without a task, set POS_STW2.1 (telegram 110: POS_STW.1) to 0 and to 1",
     )
     DSC_FAR_FROM_AXIS = (
         "DSC starts too far from the actual position (following_window): the axis does not move",
@@ -543,10 +543,10 @@ class Reason(enum.Enum):
         "end the request; then check whether the drive has this mode (6502h) and changes it in Operation Enabled",
     )
     LOST_EDGE = (
-        "STW1.4, STW1.5 or SATZANW.15 was 0 at the edge of STW1.6 or after it, or another function was active: no task",
+        "the last edge of STW1.6 started no task",
         _S.WAITS,
         _E.SETPOINT,
-        "set STW1.6 to 0 and to 1, with STW1.4 = STW1.5 = 1 (telegram 9: SATZANW.15 = 1 too)",
+        "set STW1.6 to 0 and to 1",
     )
     EARLY_EDGE = (
         "STW1.6 was 1 before operation: this starts no task",
@@ -555,13 +555,13 @@ class Reason(enum.Enum):
         "set STW1.6 to 0 and, in operation, to 1",
     )
     LOST_HOMING = (
-        "STW1.11 was 1 before operation, STW1.4 was 0 at its edge or after it, or another function was active: no homing",
+        "STW1.11 = 1 starts no homing",
         _S.WAITS,
         _E.SETPOINT,
-        "set STW1.11 to 0 and to 1, with STW1.4 = 1",
+        "set STW1.11 to 0 and to 1",
     )
     LOST_JOG = (
-        "STW1.8 or STW1.9 was 1 before operation or while STW1.4 was 0, or both are 1: no jog",
+        "STW1.8 or STW1.9 = 1 starts no jog",
         _S.WAITS,
         _E.SETPOINT,
         "set STW1.8 = STW1.9 = 0, then one of them to 1",
@@ -601,6 +601,12 @@ class Reason(enum.Enum):
         _S.WAITS,
         _E.SETPOINT,
         "give a target before this end; an endless axis needs 607Bh = 0/0, or a drive that wraps at 607Bh",
+    )
+    AT_SOFTWARE_LIMIT = (
+        "the axis is at a software limit, and jog or setting up leads beyond it",
+        _S.WAITS,
+        _E.SETPOINT,
+        "move in the other direction; the limits are the key software_limits",
     )
 
 

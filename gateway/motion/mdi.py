@@ -6,7 +6,7 @@ units: the executor converts a task with the data of its edge, and finds the way
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import ClassVar, Protocol
 
 from pdgw.gateway.motion.positioner import ACTIVATE, HOME, Positioner
@@ -44,6 +44,7 @@ class MdiPositioner(Positioner):
     """One axis' positioner, without jogs."""
 
     FUNCTIONS: ClassVar[int] = _FUNCTIONS
+    NEEDED: ClassVar[Mapping[int, str]] = {**Positioner.NEEDED, _MDI_SELECTED: "SATZANW.15"}
 
     def __init__(self, drive: MdiDrive) -> None:
         self._drive = drive
@@ -70,6 +71,7 @@ class MdiPositioner(Positioner):
         course.look()
         if request.commands != self._commands or not operating:
             self._follow_bits(operating=operating)
+            self._note_lacking(self._edges)
         if before is _BRAKING and operating:
             self._take_while_braking(request)
         accepts = request.commands & _DO_NOT_REJECT != 0

@@ -93,6 +93,8 @@ _RUNNING_BITS = dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _FIRST["JOGGIN
 _SELECTABLE = (State.IDLE, State.BRAKING)
 """Nothing else runs: the selected mode is shown."""
 _OUTPUT_1 = signal("POS_ZSW2").bit("OUTPUT_1").position
+_WITHOUT_REFERENCE: Final = (Reason.REFERENCE_POINT_MOVING, Reason.PASSIVE_HOMING_NOT_SUPPORTED)
+"""Warnings of an order for a reference point; the next one that is carried out ends them."""
 
 
 @dataclass(slots=True, unsafe_hash=True)
@@ -120,6 +122,8 @@ class Positioner:
 
     FUNCTIONS: ClassVar[int] = FUNCTIONS
     """Bits that start a function."""
+    NEEDED: ClassVar[Mapping[int, str]] = {_DO_NOT_REJECT: "STW1.4", _NO_INTERMEDIATE_STOP: "STW1.5"}
+    """Commands without which a task does not start, with their names; a homing needs no intermediate stop less."""
 
     def __init__(self, course: Course, transitions: Mapping[State, tuple[Transition, ...]]) -> None:
         self.course = course
@@ -135,6 +139,8 @@ class Positioner:
         """Bits of ``FUNCTIONS`` that are 1 and have started one."""
         self._early = 0
         """Those that have been 1 since before operation."""
+        self._lacked: dict[int, str] = {}
+        """What the last edge of a bit lacked, or the loss of its effect."""
         events, actions = self._events(), self._actions()
 
         def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
@@ -191,6 +197,8 @@ class Positioner:
             if happened():
                 act()
                 self._effective &= ~row.lost
+                if row.lost:
+                    self._note_lacking(row.lost)
                 self.state = row.target
                 break
 
@@ -224,6 +232,30 @@ class Positioner:
         if ignored & HOME:
             return Reason.LOST_HOMING
         return Reason.LOST_JOG if ignored else None
+
+    def _note_lacking(self, bits: int) -> None:
+        """The edge of these bits comes, or their effect ends: keep which commands are 0 now, else which function runs."""
+        state = self.state
+        runs = "" if state in _SELECTABLE or state is _OFF else f"{state.value} was active at its edge"
+        for bit in (ACTIVATE, HOME):
+            if bits & bit:
+                zeros = [
+                    name
+                    for command, name in self.NEEDED.items()
+                    if not self.request.commands & command and (bit == ACTIVATE or command != _NO_INTERMEDIATE_STOP)
+                ]
+                self._lacked[bit] = f"{' = '.join(zeros)} = 0 at its edge or after it" if zeros else runs
+
+    def lacked(self, bits: int) -> str:
+        """Why the last edge of one of these bits started nothing; with none of them, the function that runs."""
+        if not bits:
+            return self.state.value
+        if self._early & bits:
+            return "it was 1 before operation"
+        if bits & JOGS:
+            both = self.request.commands & JOGS == JOGS
+            return "both are 1" if both else f"{self.NEEDED[_DO_NOT_REJECT]} = 0 at its edge or after it"
+        return self._lacked.get(bits) or "its task was rejected"
 
     def _homing_is(self, result: HomingResult) -> bool:
         return self.seen.taken >= self.course.motion.serial and self.seen.homing is result
@@ -366,8 +398,11 @@ class BasicPositioner(Positioner):
     def _reason(self, commands: int) -> Reason | None:
         """Why nothing moves just now."""
         reason = self.travel.held or (None if commands & _DO_NOT_REJECT else Reason.REJECTED) or self.travel.warning
-        rests = self.state is _IDLE or self.state is _TRACKING
-        return self.reason_of_ignored() if rests and reason is None else reason
+        if reason is not None:
+            return reason
+        if self.state is _IDLE or self.state is _TRACKING:
+            return self.reason_of_ignored()
+        return Reason.AT_SOFTWARE_LIMIT if self.travel.rests_at_limit else None
 
     @property
     def waiting(self) -> int:
@@ -395,6 +430,7 @@ class BasicPositioner(Positioner):
             self._homing_waits = False
         if self.state is _OFF:
             return
+        self._note_lacking(edges)
         if edges & ACTIVATE:
             if not accepts:
                 self.warn(Reason.LOST_EDGE)
@@ -578,6 +614,8 @@ class BasicPositioner(Positioner):
         return self.choices.reference_coordinate if request is None else request
 
     def _refer(self, position: int) -> None:
+        if self.travel.warning in _WITHOUT_REFERENCE:
+            self.warn(None)
         self.travel.refer(self._reference_coordinate(), position)
         self.home_set = True
         self._homing_until = self._now + SHOWN_NS

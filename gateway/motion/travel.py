@@ -263,6 +263,12 @@ class UserCourse(Course):
         """The axis has reached the fixed stop of its task."""
         return self._stop_since == 0
 
+    @property
+    def rests_at_limit(self) -> bool:
+        """A function with a speed has led the axis to a software limit, and it is at standstill there."""
+        goal = self.goal
+        return self.speed is not None and goal is not None and goal.kind is _POSITION and self.arrived()
+
     def watch_limits(self, watched: bool) -> None:
         """Take whether the software limits are watched, before anything is decided."""
         limits = self.choices.software_limits if watched else None

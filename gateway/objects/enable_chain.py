@@ -62,6 +62,19 @@ _NAMED: Final = {
     Reason.LOST_JOG: 3 << 8,
 }
 """Bits of STW1 that a reason names."""
+_ORDERS: Final = {
+    Reason.REFERENCE_POINT_MOVING,
+    Reason.TASK_BLOCK_UNKNOWN,
+    Reason.TASK_SPEED_ZERO,
+    Reason.TASK_RAMP_ZERO,
+    Reason.TASK_TARGET_RANGE,
+    Reason.TASK_DRIVE_RANGE,
+    Reason.TASK_DIRECTION,
+    Reason.TASK_VELOCITY,
+    Reason.UPDATE_RELATIVE,
+    Reason.FUNCTION_RUNS,
+}
+"""Orders that were refused: each has the time of its warning 113."""
 _AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
 _SPEEDS: Final = (SignalQuantity.SPEED, SignalQuantity.MOTION_VELOCITY)
 _FULL: Final = 100.0
@@ -135,12 +148,16 @@ class _Chain:
 
     def breaks(self, reason: Reason, evidence: str = "", remedy: str = "") -> None:
         """The link of a reason is broken. Without ``evidence``, its fault or warning of the gateway names the details."""
-        if not evidence and (number := _OWN_FAULTS.get(reason)) is not None and (record := self._newest(number)):
-            evidence = record.text
-        link = ChainLink(reason.enable, False, reason, evidence or reason.value, remedy or reason.remedy)
-        self._links[reason.enable] = link
+        evidence = evidence or self.own_text(reason) or reason.value
+        self._links[reason.enable] = ChainLink(reason.enable, False, reason, evidence, remedy or reason.remedy)
 
-    def _newest(self, number: FaultNumber) -> FaultRecord | None:
+    def own_text(self, reason: Reason) -> str:
+        """The details of a reason in a fault or warning of the gateway; empty without one."""
+        record = self.newest(number) if (number := _OWN_FAULTS.get(reason)) is not None else None
+        return "" if record is None else record.text
+
+    def newest(self, number: FaultNumber) -> FaultRecord | None:
+        """The last fault or warning of this number."""
         return next((record for record in reversed(self.item.faults) if record.number == number), None)
 
     def check_node(self, offline: Reason) -> bool:
@@ -186,9 +203,12 @@ class _Chain:
 
     def since(self, record: FaultRecord) -> str:
         """The text of a fault, and since when."""
+        return f"{record.text}, since {self.clock(record.time_ns)}"
+
+    def clock(self, time_ns: int) -> str:
+        """The time of day of a monotonic time."""
         loop = self.item.client.loop
-        since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
-        return f"{record.text}, since {since:%H:%M:%S}"
+        return f"{datetime.fromtimestamp(loop.wall() - (loop.now() - time_ns) / SECOND):%H:%M:%S}"
 
     def check_plc(self, *, connected: bool, in_operation: bool, never: Reason, lost: bool) -> bool:
         """Whether its setpoints count. ``in_operation``: the object follows a connected PLC."""
@@ -203,7 +223,7 @@ class _Chain:
             self.breaks(*finding)
         elif connected:
             self.passes(Enable.PLC)
-        elif lost and (record := self._newest(FaultNumber.PLC_LOST)):
+        elif lost and (record := self.newest(FaultNumber.PLC_LOST)):
             self.breaks(Reason.PLC_LOST, self.since(record))
         else:
             self.breaks(Reason.PLC_LOST if lost else never)
@@ -296,10 +316,28 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
     if reason in _AT_LIMIT:
         chain.breaks(reason, *_limit_texts(axis, reason))
     elif reason is not None and reason.enable is Enable.SETPOINT:
-        others = _bits(machine.executor.ignored & ~_NAMED.get(reason, 0), " = 1")
-        chain.breaks(reason, f"{reason.value}; without effect: {others}" if others else "")
+        chain.breaks(reason, *_order_texts(chain, axis, reason))
     elif reason is None:
         chain.passes(Enable.SETPOINT)
+
+
+def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
+    """Evidence and remedy of an order that was refused: what it lacked, its bound and its time; then bits without effect."""
+    executor, bits, positioner = axis.machine.executor, _NAMED.get(reason, 0), axis.config.positioner
+    text, remedy = chain.own_text(reason) or reason.value, reason.remedy
+    if reason in _ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
+        text = f"{text} (at {chain.clock(record.time_ns)})"
+    if reason is Reason.FUNCTION_RUNS:
+        text = f"{text}; active now: {executor.lacked(0)}"
+    elif bits and reason is not Reason.EARLY_EDGE:
+        lacked = executor.lacked(bits)
+        text = f"{text}: {lacked}"
+        zeros, _, at_edge = lacked.partition(" = 0 ")
+        remedy = f"{remedy}, with {zeros} = 1" if at_edge else remedy
+    elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and positioner.software_limits:
+        text = "{}: {} to {} LU".format(text, *positioner.software_limits)
+    others = _bits(executor.ignored & ~bits, " = 1")
+    return f"{text}; without effect: {others}" if others else text, remedy
 
 
 def _limit_texts(axis: Axis, reason: Reason) -> tuple[str, str]:

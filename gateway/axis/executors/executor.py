@@ -73,6 +73,10 @@ class Executor:
         """Bits of STW1 that are 1 and start nothing."""
         return 0
 
+    def lacked(self, mask: int) -> str:
+        """Why the last edge of bits of STW1 that start something started nothing; 0: the active function."""
+        return ""
+
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
-from pdgw.gateway.motion.requests import FULL, Seen
+from pdgw.gateway.motion.requests import FULL, Command, Seen
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
 from pdgw.gateway.reasons import Reason
@@ -316,6 +316,33 @@ def test_incremental_jog_whose_bit_is_removed_ramps_down() -> None:
     assert 0 < rig.position < 2000
 
 
+@pytest.mark.parametrize(
+    ("before", "edge", "why"),
+    [
+        ({"do_not_reject": False}, {"activate": True}, "STW1.4 = 0 at its edge or after it"),
+        ({"no_intermediate_stop": False}, {"activate": True}, "STW1.5 = 0 at its edge or after it"),
+        (
+            {"do_not_reject": False, "no_intermediate_stop": False},
+            {"activate": True},
+            "STW1.4 = STW1.5 = 0 at its edge or after it",
+        ),
+        ({"jog_2": True}, {"activate": True}, "jog was active at its edge"),
+        ({"activate": True}, {"do_not_reject": False}, "STW1.4 = 0 at its edge or after it"),
+    ],
+)
+def test_an_edge_that_starts_nothing_keeps_what_it_lacked(
+    before: dict[str, bool], edge: dict[str, bool], why: str
+) -> None:
+    rig = PositionerRig()
+    rig.step(3, target=50_000, activate=False, **ABSOLUTE)
+    rig.step(3, **before)
+    rig.step(3, **edge)
+    rig.step(do_not_reject=True, no_intermediate_stop=True, jog_2=False, homing=False)
+    rig.run_out()
+    assert rig.result.reason is Reason.LOST_EDGE
+    assert rig.positioner.lacked(Command.ACTIVATE_TASK) == why
+
+
 def test_jog_and_tasks_do_not_replace_each_other() -> None:
     rig = PositionerRig()
     rig.step(20, jog_2=True)
@@ -369,9 +396,11 @@ def test_a_function_with_a_speed_ends_at_the_software_limit_and_moves_back(funct
     go(True)
     rig.step(600)
     assert (rig.position, rig.result.at_plus) == (50_000, True)
+    assert rig.result.reason is (None if function == "endless block" else Reason.AT_SOFTWARE_LIMIT)
     go(True)
     rig.step(50)
     assert rig.position == 50_000
+    assert rig.result.reason is Reason.SOFTWARE_LIMIT
     go(False)
     rig.step(600)
     assert (rig.position, rig.result.at_minus) == (-50_000, True)

@@ -244,6 +244,11 @@ def test_a_reference_point_is_set_at_standstill_without_motion() -> None:
     rig.step(20, set_reference_point=False)
     rig.step(set_reference_point=True)
     assert rig.result.warning is Reason.REFERENCE_POINT_MOVING
+    rig.step(set_reference_point=False)
+    rig.run_out()
+    assert rig.result.warning is Reason.REFERENCE_POINT_MOVING, "withdrawn, not carried out"
+    rig.step(set_reference_point=True)
+    assert (rig.position, rig.result.warning) == (-70, None)
 
 
 def test_passive_homing_takes_the_probe_during_a_task_that_keeps_its_way() -> None:

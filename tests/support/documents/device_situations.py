@@ -17,6 +17,7 @@ from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, ax
 Frame = tuple[int, bytes]
 _ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
 _POSITIONER = axis(1, telegram_number=111, more=SIMULATED_POSITIONER)
+_LIMITED = axis(1, telegram_number=111, more=SIMULATED_POSITIONER.replace("[-1000000, 1000000]", "[-400, 400]"))
 _MDI = {"POS_STW1": 0x8100, "OVERRIDE": 0x4000, "MDI_VELOCITY": 12_000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
 _TASK = (
     (0x043E, {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x2000, "MDI_DEC": 0x2000}),
@@ -198,23 +199,23 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "telegram 9: STW1.6 rises while STW1.4 = 0": DeviceSituation(
         tables=axis(1, telegram_number=9),
         begin=words(*_TASK, (0x042F, {}), (0x046F, {}), (0x047F, {})),
-        says=("Waits", "was 0 at the edge of STW1.6", "set STW1.6 to 0 and to 1"),
-        lacks=("STW1.4 = 0:",),
+        says=("Waits", "edge of STW1.6 started no task: STW1.4 = 0", "set STW1.6 to 0 and to 1, with STW1.4 = 1"),
+        lacks=("STW1.5", "SATZANW"),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.6 rises while STW1.5 = 0": DeviceSituation(
         tables=_POSITIONER,
         begin=words((0x043F, _MDI), (0x041F, {}), (0x045F, {}), (0x047F, {})),
-        says=("Waits", "was 0 at the edge of STW1.6", "set STW1.6 to 0 and to 1"),
-        lacks=("In operation",),
+        says=("Waits", "edge of STW1.6 started no task: STW1.5 = 0", "set STW1.6 to 0 and to 1, with STW1.5 = 1"),
+        lacks=("In operation", "STW1.4"),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.6 and STW1.8 rise while STW1.4 = 0": DeviceSituation(
         tables=_POSITIONER,
         begin=words((0x043F, _MDI), (0x042F, {}), (0x046F, {}), (0x056F, {}), (0x057F, {})),
-        says=("Waits", "was 0 at the edge of STW1.6", "without effect: STW1.8 = 1", "set STW1.6 to 0 and to 1"),
+        says=("Waits", "edge of STW1.6 started no task: STW1.4 = 0", "without effect: STW1.8 = 1", "set STW1.6 to 0"),
         lacks=("In operation",),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
@@ -229,9 +230,39 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "telegram 111: STW1.11 is 1 before ON": DeviceSituation(
         tables=_POSITIONER,
         begin=words((0x0C3E, {}), (0x0C3F, {})),
-        says=("Waits", "STW1.11 was 1 before operation"),
+        says=("Waits", "STW1.11 = 1 starts no homing: it was 1 before operation"),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x0C3F, {}), (0x043F, {})),
+    ),
+    "telegram 111: STW1.6 rises during homing": DeviceSituation(
+        tables=_POSITIONER,
+        begin=words((0x043F, _MDI), (0x0C3F, {}), (0x0C7F, {}), (0x047F, {})),
+        says=("Waits", "edge of STW1.6 started no task: homing was active at its edge", "set STW1.6 to 0 and to 1"),
+        lacks=("STW1.4", "another function"),
+        health=Health.WARNING,
+        cure=words((0x043F, {}), (0x047F, {})),
+    ),
+    "telegram 111: a reference point is set in motion": DeviceSituation(
+        tables=_POSITIONER,
+        begin=words(
+            (0x043F, _MDI | {"MDI_TARPOS": 200_000}),
+            (0x047F, {}),
+            (0x047F, {"POS_STW2": 2}),
+            (0x047F, {"POS_STW2": 0}),
+            (0x043F, {}),
+        ),
+        says=("Waits", "the reference point was not set", "(at ", "set POS_STW2.1"),
+        lacks=("can be set",),
+        health=Health.WARNING,
+        cure=words((0x043F, {"POS_STW2": 2})),
+    ),
+    "telegram 111: a jog is held at a software limit": DeviceSituation(
+        tables=_LIMITED,
+        begin=words((0x043F, _MDI | {"POS_STW2": 2}), (0x043F, {"POS_STW2": 0x4000}), (0x063F, {}), (0x063F, {})),
+        says=("Waits", "at a software limit", "beyond it: -400 to 400 LU", "move in the other direction"),
+        lacks=("In operation",),
+        health=Health.WARNING,
+        cure=words((0x043F, {}), (0x053F, {}), (0x043F, {})),
     ),
     'STW1.10 falls in operation, with control_lost = "hold"': DeviceSituation(
         tables=axis(1, more='simulate = true\ncontrol_lost = "hold"'),

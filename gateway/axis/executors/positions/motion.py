@@ -160,6 +160,9 @@ class MotionExecutor(Executor):
         ignored = self.positioner.ignored if self._seen.bits & Seen.OPERATING else 0
         return sum(mask for command, mask in _FUNCTION_BITS if ignored & command)
 
+    def lacked(self, mask: int) -> str:
+        return self.positioner.lacked(sum(command for command, bit in _FUNCTION_BITS if mask & bit))
+
     def restarted(self) -> None:
         self._forget_home()
 
