@@ -178,6 +178,11 @@ class CanNetwork(Receiver):
         """The end of ``subscribe``."""
         self._subscribers[cob_id].remove(callback)
 
+    @property
+    def unconfigured(self) -> list[int]:
+        """Nodes that were heard, and are none of those of the gateway."""
+        return sorted(node for node in self.nodes_seen if not self.is_subscribed(ERROR_CONTROL + node))
+
     def is_subscribed(self, cob_id: int) -> bool:
         """Whether the frames of this COB-ID have a receiver, other than of a PDO."""
         return bool(self._subscribers.get(cob_id))

@@ -316,6 +316,8 @@ class Scan:
 
     def _describe(self, node: Inquiry, found: FoundNode, expected: Expected | None) -> None:
         sheet = self._sheet(found, expected)
+        if expected is None and self.expected:
+            found.notes.append("this node is not in the configuration")
         if expected is not None and found.profile != expected.profile:
             found.notes.append(
                 f"{expected.what} of the configuration needs device profile {expected.profile}; this device has "

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import abc
 import logging
-import re
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -33,7 +32,7 @@ from pdgw.gateway.axis.values import (
 )
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
-from pdgw.gateway.objects.enable_chain import EnableStatus
+from pdgw.gateway.objects.enable_chain import EnableStatus, untimed
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
 from pdgw.gateway.reasons import FaultNumber, Finding, Reason
@@ -41,7 +40,6 @@ from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
 
-_TIME = re.compile(r",? \(?(?:since|at) \d\d:")
 OWNED = frozenset({(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0)})
 """Objects of the mutual monitoring of gateway and device."""
 _NOTICE_OF_KIND = {
@@ -243,7 +241,7 @@ class DriveObject(abc.ABC):
         enable_status = self.enable_status
         shown = None if enable_status.broken is None else enable_status.broken.reason
         if shown is not self._shown_reason:
-            text = _TIME.split(enable_status.text)[0]  # a happening has its own time
+            text = untimed(enable_status.text)  # a happening has its own time
             self._happened(text, stops=self._operated and shown is not None)
             self._operated = shown is None
             self._shown_reason = shown

@@ -7,6 +7,7 @@ and derive nothing themselves.
 
 from __future__ import annotations
 
+import re
 from datetime import datetime
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     from pdgw.gateway.objects.drive_object import DriveObject
     from pdgw.gateway.objects.encoder import EncoderObject
 
+_WRONG_NODE_ID: Final = (
+    "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
+)
 _PHYSICAL = (Enable.BUS, Enable.NODE)
 AXIS_CHAIN: Final = (
     *_PHYSICAL,
@@ -98,6 +102,9 @@ _OWN_FAULTS: Final = {
 """Reasons whose details are in a fault or warning of the gateway."""
 
 
+_TIME = re.compile(r",? \(?(?:since|at) \d\d:")
+
+
 class ChainLink(NamedTuple):
     """One link of the chain."""
 
@@ -110,6 +117,11 @@ class ChainLink(NamedTuple):
     """Evidence that it is broken."""
     remedy: str = ""
     """The remedy."""
+
+
+def untimed(text: str) -> str:
+    """A text without its time and what follows."""
+    return _TIME.split(text)[0]
 
 
 class EnableStatus(NamedTuple):
@@ -184,6 +196,9 @@ class _Chain:
                 self.breaks(offline, f"{node} on bus {network.name} sends no data in time")
             case _ if client.is_first_request:
                 self.breaks(Reason.NODE_CONFIGURING, f"{node} has not answered yet")
+            case NodeStatus.OFFLINE if others := network.unconfigured:
+                there = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
+                self.breaks(offline, f"{node} on bus {network.name}: {text}; {there}", _WRONG_NODE_ID)
             case _:
                 self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
         return False

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from math import inf
 from typing import Any, Final
 
+from pdgw.gateway.objects.enable_chain import untimed
 from pdgw.gateway.reasons import AxisState, Reason
 
 _FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
@@ -14,6 +16,9 @@ _FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
 _ORDER: Final = tuple(state.name for state in reversed(AxisState))
 """Order of the states, the worst first."""
 _OFFLINE: Final = (Reason.DRIVE_OFFLINE.name, Reason.ENCODER_OFFLINE.name)
+_NUMBER: Final = re.compile(r"\d+")
+_TEXTS: Final = 3
+"""Texts that differ in their numbers only, in one line."""
 _TOGETHER_MS: Final = 1000.0
 """Nodes of a bus that were last heard so shortly after each other have one cause."""
 _SHARED: Final = "check what these nodes share: CAN cable, termination, bit rate and supply"
@@ -52,20 +57,33 @@ def _lost_together(items: Sequence[dict[str, Any]]) -> dict[int, str]:
     return found
 
 
-def _key(item: dict[str, Any]) -> tuple[str, str, int]:
-    fault = item["cause"] if item["state_id"] == AxisState.FAULT.name else None
-    return item["state_id"], item["reason_id"], fault["code"] if fault else 0
+def _key(item: dict[str, Any]) -> tuple[str, str, str, str]:
+    """Objects with the same reason, evidence and remedy, whatever the numbers, are one line."""
+    text = untimed(item["reason"])
+    return item["state_id"], item["reason_id"], _NUMBER.sub("", text), _NUMBER.sub("", item["remedy"])
+
+
+def _text(members: list[dict[str, Any]]) -> str:
+    """The evidence of all, or that of each group of them, in their order."""
+    if len({item["reason"] for item in members}) == 1:
+        return str(members[0]["reason"])
+    shared: dict[str, dict[int, str]] = {}
+    for item in members:
+        own = untimed(item["reason"]).replace(f"node {item['node_id']} ", "each node ")
+        shared.setdefault(own.replace(f"node {item['node_id']}:", "each node:"), {})[item["do_id"]] = item["label"]
+    if len(shared) == 1:
+        return next(iter(shared))
+    more = len(shared) - _TEXTS
+    texts = [f"{who(labels)}: {text}" for text, labels in shared.items()][:_TEXTS]
+    return "; ".join(texts) + (f"; and {more} more of the kind" if more > 0 else "")
 
 
 def _cause(members: list[dict[str, Any]]) -> dict[str, Any]:
-    first, reasons = members[0], [item["reason"] for item in members]
-    # The reason of all, or the fault of all without the time of each.
-    known = set(reasons), {text.partition(", since ")[0] for text in reasons}
-    reason = next((texts.pop() for texts in known if len(texts) == 1), "")
+    first = members[0]
     return {
         "state": first["state"],
         "state_id": first["state_id"],
-        "reason": reason or Reason[first["reason_id"]].value,
+        "reason": _text(members),
         "reason_id": first["reason_id"],
         "remedy": first["remedy"],
         "who": who({item["do_id"]: item["label"] for item in members}),

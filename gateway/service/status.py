@@ -243,10 +243,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
                 "healthy": daemon.networks[bus.name].healthy,
-                "unconfigured": sorted(
-                    daemon.networks[bus.name].nodes_seen
-                    - {item.node_id for item in daemon.objects if item.network.name == bus.name}
-                ),
+                "unconfigured": daemon.networks[bus.name].unconfigured,
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
             for bus in config.can

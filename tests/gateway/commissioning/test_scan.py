@@ -170,6 +170,7 @@ def test_a_configured_node_is_compared_with_what_is_there(site: Site) -> None:
     site.world.drive(BUS, 1)
     site.world.drive(BUS, 2, shape=SHAPES["rpm"])
     site.world.encoder(BUS, 3)
+    site.world.drive(BUS, 9)
     config = configuration(
         axis(1, telegram_number=9, more="") + axis(2, more=f'eds = "{EDS_PATH}"') + axis(3, more="") + axis(4, more="")
     )
@@ -178,6 +179,7 @@ def test_a_configured_node_is_compared_with_what_is_there(site: Site) -> None:
     assert "another device, pdgw run rejects it" in found[2].notes[0]
     assert "DO 3 of the configuration needs device profile 402; this device has another one" in found[3].notes
     assert found[4].notes == ["no answer to SDO (not heard): DO 4 of the configuration is missing"]
+    assert "this node is not in the configuration" in found[9].notes
 
 
 def test_a_stopped_node_is_heard_though_it_answers_no_sdo(site: Site) -> None:

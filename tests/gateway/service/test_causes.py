@@ -84,7 +84,24 @@ def test_nodes_that_were_lost_at_one_moment_have_the_cause_that_explains_all_fir
     ]
     found = [(cause["who"], cause["reason"]) for cause in causes(items)]
     assert found[0] == ("axes 2-3; encoder 5", "3 of 5 nodes on bus can lost within 400 ms: CAN cable or supply")
-    assert found[1:] == [("axes 1, 6", Reason.DRIVE_OFFLINE.value), ("axis 4", Reason.NO_CONTROL.value)]
+    assert found[1:] == [("axes 1, 6", "each node: no TPDO1"), ("axis 4", Reason.NO_CONTROL.value)]
+
+
+def test_texts_that_differ_in_more_than_the_own_node_are_all_kept() -> None:
+    items = [
+        status(1, Reason.NODE_REFUSED, text="node 1 is rejected: profile '406' is not allowed, expected 402"),
+        status(3, Reason.NODE_REFUSED, text="node 3 is rejected: profile '402' is not allowed, expected 406"),
+        status(4, Reason.NODE_REFUSED, text="node 4 is rejected: profile '406' is not allowed, expected 402"),
+        status(5, Reason.NODE_REFUSED, text="node 5 is rejected: vendor-ID '0000ABCEh' is not allowed"),
+    ]
+    assert [(cause["who"], cause["reason"]) for cause in causes(items)] == [
+        (
+            "axes 1, 3-4",
+            "axes 1, 4: each node is rejected: profile '406' is not allowed, expected 402; "
+            "axis 3: each node is rejected: profile '402' is not allowed, expected 406",
+        ),
+        ("axis 5", "node 5 is rejected: vendor-ID '0000ABCEh' is not allowed"),
+    ]
 
 
 def test_objects_in_operation_or_off_as_asked_have_no_cause() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from pdgw.ds301.communication import EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode
@@ -136,6 +137,22 @@ def _move_emcy(daemon: Daemon) -> None:
     drive_of(daemon).node.values[EMCY_COB_ID, 0] = _MOVED
 
 
+def _set_node_id(daemon: Daemon, node_id: int) -> None:
+    node = drive_of(daemon).node
+    node.node_id = node_id
+    node.restart()
+
+
+def _other_node_id(plc: Plc, daemon: Daemon) -> None:
+    _set_node_id(daemon, 2)
+    plc.until(lambda: daemon.axes[0].client.status is NodeStatus.OFFLINE, "no answer")
+
+
+def _right_node_id(plc: Plc, daemon: Daemon) -> None:
+    _set_node_id(daemon, 1)
+    online(plc, daemon)
+
+
 def _short_emcy(_: SimulatedNode, can_id: int, data: bytes) -> Frame:
     return can_id, data[:3] if can_id == EMCY + 1 else data
 
@@ -186,6 +203,13 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         says=("rejected", "0000ABCEh", "as in the built-in data sheet", "set the key eds"),
         lacks=("as in the EDS", "check power", "config check"),
         cure=_built_in_encoder,
+    ),
+    "the drive has another node-ID than the configuration": DeviceSituation(
+        operates=False,
+        begin=_other_node_id,
+        says=("Not on the bus", "no answer from node 1", "not in the configuration: node 2", "pdgw bus scan"),
+        lacks=("being configured",),
+        cure=_right_node_id,
     ),
     "the drive sends its EMCY with another COB-ID (1014h)": DeviceSituation(
         spoil=_move_emcy, begin=_overcurrent, says=_OVERCURRENT, cure=acknowledge
