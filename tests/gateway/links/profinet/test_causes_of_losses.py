@@ -98,7 +98,7 @@ def loss(site: Plant) -> str:
     return next(item.text for item in site.daemon.axes[0].faults if item.number == FaultNumber.PLC_LOST)
 
 
-def told(site: Plant) -> list[str]:
+def explained(site: Plant) -> list[str]:
     """What ``pdgw explain`` prints."""
     return [line["text"] for line in explanation(site.daemon, site.daemon.objects)]
 
@@ -114,7 +114,7 @@ def test_a_refused_controller_is_not_the_cause_of_a_later_loss(tmp_path: Path, w
             site.run(seconds * SECOND)
             assert sentence(site).startswith("Waits: PLC lost: ")
             assert ", since " in sentence(site)
-            assert "rejected" not in " ".join((sentence(site), loss(site), *told(site)))
+            assert "rejected" not in " ".join((sentence(site), loss(site), *explained(site)))
 
 
 def test_another_refused_controller_stays_beside_the_silence_of_the_owner(tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_a_received_err_is_kept_as_it_was_on_the_wire(tmp_path: Path, code: int)
         wanted = f"CF 81 FD {code:02X}"
         assert wanted in sentence(site)
         assert wanted in loss(site)
-        assert any(wanted in text for text in told(site))
+        assert any(wanted in text for text in explained(site))
         (entry,) = site.link.device.cm.records.log
         assert entry.status == 0xCF81FD00 | code
 
