@@ -4,7 +4,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 STAMP := $(VENV)/.installed
-ROOMS := $(filter-out pdgw tests,$(patsubst %/__init__.py,%,$(wildcard */__init__.py)))
 
 .PHONY: demo test test-can test-plc tour lint format conformance bench long fuzz docs site compiled pins wheels wheels-docker release clean
 
@@ -125,10 +124,7 @@ $(STAMP): pyproject.toml setup.py constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) -e '.[plot,web,mqtt,dev]'
 	@# As an installation that is not editable does: every start is quicker by what compiling took.
-	$(BIN)/python -m compileall -q $(ROOMS) pdgw
-	@# mypy does not know setuptools' mapping of the rooms to one package: the same tree, as links.
-	@mkdir -p $(VENV)/rooms/pdgw
-	@cd $(VENV)/rooms/pdgw && ln -sfn $(addprefix ../../../,$(ROOMS) pdgw/*.py pdgw/py.typed) .
+	$(BIN)/python -m compileall -q pdgw
 	@touch $@
 
 # The versions of constraints.txt with the hashes of their files, for every platform: what a gateway needs, and what a developer needs.

@@ -1,13 +1,12 @@
 """The packages, and the optional part of the build: ``PDGW_COMPILED=1`` compiles the cyclic path by mypyc.
 
-Everything else is declared in pyproject.toml. The rooms are top-level folders of the repository and sub-packages of ``pdgw`` when
-installed. The compiled modules are the same typed sources, which stay in the wheel; without them it is complete too.
+Everything else is declared in pyproject.toml. The compiled modules are the same typed sources, which stay in the wheel; without
+them it is complete too.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 
 if sys.version_info[:2] < (3, 11):  # noqa: UP036 (before tomllib, which 3.10 does not have)
@@ -19,9 +18,6 @@ from typing import Any
 
 from setuptools import setup
 
-ROOMS = sorted(
-    file.parent.name for file in Path().glob("[!.]*/__init__.py") if file.parent.name not in {"pdgw", "tests"}
-)
 COMPILED = (
     "ds301/bus/can_frame.py",
     "ds301/bus/network.py",
@@ -92,7 +88,7 @@ SOAK = (
     "profidrive/measuring.py",
 )
 """Patterns of what else a soak runs in every cycle. ``PDGW_COMPILED=soak`` compiles it too, for no wheel of a release."""
-TREE = Path("build/mypyc")
+RULES = Path("build/mypy.ini")
 HEADERS = Path("build/c/pdgw")
 """Where mypyc writes the headers of the group, which its compiler options do not have."""
 BUILD = os.environ.get("PDGW_COMPILED")
@@ -112,20 +108,14 @@ def extensions() -> list[Any]:
         from mypyc.build import mypycify  # noqa: PLC0415
     except ImportError:
         return []  # asked for below; then this file runs again
-    # mypyc names a module by its path: the rooms, by links, where the package has them.
-    shutil.rmtree(TREE, ignore_errors=True)
-    package = TREE / "pdgw"
-    package.mkdir(parents=True)
     tools = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["tool"]
-    for path in [*Path("pdgw").glob("*.py"), *map(Path, ROOMS)]:
-        (package / path.name).symlink_to(path.resolve())
-    rules = TREE / "mypy.ini"
-    rules.write_text("[mypy]\n" + "".join(map(section, tools["mypy"]["overrides"])), encoding="utf-8")
+    RULES.parent.mkdir(exist_ok=True)
+    RULES.write_text("[mypy]\n" + "".join(map(section, tools["mypy"]["overrides"])), encoding="utf-8")
     # An isolated build does not install the libraries, so mypy would report ignore comments for their types as unused.
-    options = [f"--config-file={rules}", "--strict", "--no-warn-unused-ignores"]
+    options = [f"--config-file={RULES}", "--strict", "--no-warn-unused-ignores"]
     options += ["--follow-imports=silent", "--ignore-missing-imports"]
     made: list[Any] = mypycify(
-        [*options, *(str(package / file) for pattern in PATTERNS for file in sorted(Path().glob(pattern)))],
+        [*options, *(str(file) for pattern in PATTERNS for file in sorted(Path("pdgw").glob(pattern)))],
         group_name="pdgw.compiled",
         # One C file for each module: a single one has 95 MB, of which four fifths are leading spaces.
         multi_file=True,
@@ -139,11 +129,6 @@ def extensions() -> list[Any]:
 
 
 setup(
-    packages=[
-        "pdgw",
-        *(".".join(("pdgw", *file.parent.parts)) for room in ROOMS for file in Path(room).rglob("__init__.py")),
-    ],
-    package_dir={"pdgw": "pdgw"} | {f"pdgw.{room}": room for room in ROOMS},
     setup_requires=["mypy>=1.13"] if REQUESTED else [],
     ext_modules=extensions() if REQUESTED else [],
 )

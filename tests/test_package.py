@@ -45,6 +45,12 @@ def test_every_folder_with_modules_is_a_package() -> None:
     assert [folder for folder in folders if not (folder / "__init__.py").exists()] == []
 
 
+def test_the_package_has_a_link_to_each_room() -> None:
+    """So a checkout is the package as it stands, and each file has one path: that of its import."""
+    links = {file.name: file.readlink() for file in (ROOT / "pdgw").iterdir() if file.is_symlink()}
+    assert links == {room: Path("..") / room for room in ROOMS if room != "pdgw"}
+
+
 def test_every_data_file_of_the_packages_is_installed() -> None:
     patterns = PROJECT["tool"]["setuptools"]["package-data"]["*"]
     files = subprocess.run(
@@ -54,6 +60,7 @@ def test_every_data_file_of_the_packages_is_installed() -> None:
         file
         for file in files
         if not file.endswith(".py")
+        and not (ROOT / file).is_symlink()
         and not any(fnmatch(Path(file).name, pattern.removeprefix("**/")) for pattern in patterns)
     ]
     assert left_out == []
