@@ -169,7 +169,7 @@ BUDGET = {
     "tools.web.server": 2685,
     "tools.recording": 5325,
     "peers": 426,
-    "peers.node": 9863,
+    "peers.node": 9885,
     "peers.drive": 4157,
     "peers.drive.model": 10312,
     "peers.encoder": 3919,
@@ -191,11 +191,11 @@ BUDGET = {
     "tools.plc": 5997,
     "tools.service": 2312,
     "beside": 2105,
-    "tests/long": 62370,
-    "tests": 578955,
+    "tests/long": 63264,
+    "tests": 579633,
     "*.c": 0,
     "*.js": 1018,
-    "*.toml": 1645,
+    "*.toml": 1644,
 }
 """The code tokens that each package may have, without its sub-packages; the lines that C, JavaScript and TOML may have.
 

@@ -28,6 +28,8 @@ class Device:
         """The node enters Operational by itself after its boot-up message."""
         self.changes_are_events = True
         """A changed value sends an event-driven TPDO, not its event timer alone."""
+        self.changes_are_sent_twice = False
+        """Each such TPDO comes twice."""
         self.inhibit_ms = 0
         """Shortest inhibit time of TPDOs."""
 

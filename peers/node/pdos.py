@@ -241,6 +241,8 @@ class NodePdos:
             changed = tpdo.on_change and data != tpdo.last
             if changed or (tpdo.event_ns and now >= tpdo.due):
                 self._send(tpdo, data)
+                if changed and self.node.changes_are_sent_twice:
+                    self._send(tpdo, data)
 
     def _send(self, tpdo: _Tpdo, data: bytes) -> None:
         tpdo.last = data

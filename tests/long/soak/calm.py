@@ -1,6 +1,7 @@
 """Calm days: lives without any disturbance, in which every fault, warning, refusal, stop or missing end of a task is a violation.
 
-All rules apply, and those that only healthy devices keep. ``calm_tasks`` has the PLC's program.
+All rules apply, and those that only healthy devices keep. Each part draws legal habits of its device from ``peers.habits``.
+``calm_tasks`` has the PLC's program.
 """
 
 from __future__ import annotations
@@ -10,23 +11,24 @@ from random import Random
 from typing import Final
 
 from pdgw.dsp402.states import State
-from pdgw.durations import SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.reasons import Reason
-from pdgw.peers.drive import ROTARY_AXIS, Latency
+from pdgw.peers.drive import ROTARY_AXIS
+from pdgw.peers.drive.model.latency import NO_LATENCY
 from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.habits import HABITS, Habit
 from tests.long.rules import Seen, broken
 from tests.long.soak.calm_tasks import program
-from tests.long.soak.plan import CYCLES_MS, AxisPlan, Part, Plan, shapes_of
+from tests.long.soak.plan import CYCLES_MS, TRANSPARENT, AxisPlan, Part, Plan, habits_ms, shapes_of
 from tests.long.soak.soak_run import CHANNEL, SoakRun
 from tests.long.soak.watch import ViolationError, require
 
-CALM_TELEGRAMS: Final = (1, 3, 5, 7, 9, 100, 110, 111, 112, 83)
-LATENCY_MAX_MS: Final = 20
-SDO_MAX_MS: Final = 10
-"""Longest time of a healthy drive until it answers SDO. Motion that begins meanwhile is usual."""
+CALM_TELEGRAMS: Final = (1, 3, 5, 7, 9, 100, 110, 111, 112, 81, 83)
+_SHARE: Final = 0.12
+"""Share of the habits that a device has."""
 _NOT_HEALTHY: Final = frozenset({"frozen", "two-edges"})
 """Drive variants with a defect that the gateway has to report: an object that is never sent, a fault at power-on."""
 _NO_POSITIONING: Final = frozenset({"csp"})
@@ -46,6 +48,10 @@ number = 4
 position = -5000
 velocity = 20000
 """
+_NEEDED_KEYS: Final = {"sync-counter": "sync = true\n"}
+"""Keys of [[axis]] or [[encoder]] without which a habit has no effect."""
+NEEDED_OBJECTS: Final = {TRANSPARENT: {"current-missing", "inputs-missing", "identity-of-vendor-only"}}
+"""Habits without objects that a telegram is made of, or without the identity by which they are found."""
 _PASSING_NS: Final = 2 * SECOND
 """A reason of a handshake with the drive ends within this time."""
 _PASSING: Final = frozenset(
@@ -77,18 +83,37 @@ def calm_shapes(number: int) -> tuple[str, ...]:
     return tuple(name for name in shapes_of(_MDI if positions else number) if name not in unfit)
 
 
+def legal_habits(device: str) -> list[Habit]:
+    """The habits of which the gateway must not even warn."""
+    return [habit for habit in HABITS.values() if device in habit.legal_for and not habit.warns]
+
+
+def draw_habits(chance: Random, number: int) -> dict[str, dict[str, int]]:
+    """Draw a combination of legal habits, with parameters in their legal ranges."""
+    device = "encoder" if number in ENCODER_TELEGRAM_NUMBERS else "drive"
+    drawn = [habit for habit in legal_habits(device) if chance.random() < _SHARE]
+    return {
+        habit.name: {key: chance.randint(*limits) for key, limits in habit.legal.items()}
+        for habit in drawn
+        if habit.name not in NEEDED_OBJECTS.get(number, ())
+    }
+
+
+def calm_plan(number: int, cycle_ms: int, name: str, habits: dict[str, dict[str, int]], *, direct: bool = True) -> Plan:
+    """A part with one axis (``name``: the drive variant), or one encoder, with these habits."""
+    keys = "".join(_NEEDED_KEYS.get(habit, "") for habit in habits)
+    if number in ENCODER_TELEGRAM_NUMBERS:
+        return Plan(cycle_ms, (), number, direct, encoder_habits=habits, encoder_keys=keys)
+    keys += "" if name in shapes_of(number) else _COUNTS_KEYS if name == "counts" else _RPM_KEYS
+    axis = AxisPlan(number, name, NO_LATENCY, PlcLossReaction.RAMP, ControlLost.STOP, habits, keys)
+    return Plan(cycle_ms, (axis,), 0, direct, _MOTION_KEYS)
+
+
 def draw_calm(chance: Random, _: int, telegrams: Sequence[int]) -> Plan:
     """Draw a part with one axis, or one encoder."""
     number, cycle_ms, direct = telegrams[0], chance.choice(CYCLES_MS), chance.random() < 0.5
-    if number in ENCODER_TELEGRAM_NUMBERS:
-        return Plan(cycle_ms, (), number, direct)
-    latency = Latency(*(chance.choice((0, chance.randint(1, LATENCY_MAX_MS))) for _ in range(2)))
-    sdo_ms = chance.choice((0, chance.randint(1, SDO_MAX_MS)))
-    habits = {"slow-sdo": {"delay_ms": sdo_ms}} if sdo_ms else {}
-    name = chance.choice(calm_shapes(number))
-    keys = "" if name in shapes_of(number) else _COUNTS_KEYS if name == "counts" else _RPM_KEYS
-    axis = AxisPlan(number, name, latency, PlcLossReaction.RAMP, ControlLost.STOP, habits, keys)
-    return Plan(cycle_ms, (axis,), 0, direct, _MOTION_KEYS)
+    name = "" if number in ENCODER_TELEGRAM_NUMBERS else chance.choice(calm_shapes(number))
+    return calm_plan(number, cycle_ms, name, draw_habits(chance, number), direct=direct)
 
 
 class CalmRun(SoakRun):
@@ -104,8 +129,10 @@ class CalmRun(SoakRun):
         self._reason_since = self.begin
         self._caused: dict[Reason | None, int] = {}
         """When the PLC caused a reason last."""
-        self.late_ns = max((axis.late_ns for axis in self.axes), default=0) + 4 * self.cycle_ns
-        self.encoder = self.world.encoder(CHANNEL, 1) if self.plan.encoder else None
+        habits = self.plan.axes[0].habits if self.axes else self.plan.encoder_habits
+        self.late_ns = habits_ms(habits) * MS + 4 * self.cycle_ns
+        self._warned = any(HABITS[name].warns for name in habits)
+        self.encoder = self.world.encoder(CHANNEL, 1, habits=habits) if self.plan.encoder else None
         self.program = program(self)
 
     @property
@@ -126,7 +153,8 @@ class CalmRun(SoakRun):
         super()._check()
         for item in (*self.daemon.axes, *self.daemon.encoders):
             lost = item.client.generation > 1 or (self.working and not item.good)
-            alarms = [*(fault.text for fault in list(item.fault_log.history)[-1:]), *self.trace.alarms[-1:]]
+            faults = [fault.text for fault in item.fault_log.history if not (fault.is_warning and self._warned)]
+            alarms = [*faults[-1:], *([] if self._warned else self.trace.alarms[-1:])]
             alarms += [item.client.status_text] if lost else []
             states = [axis.drive.model.state for axis in self.axes]
             seen = Seen(
@@ -136,6 +164,12 @@ class CalmRun(SoakRun):
             )
             if broken(seen):
                 require(item.label, seen, "; ".join([self.program.task, *alarms, self.describe()]))
+
+    def run_to(self, until: int) -> None:
+        try:
+            super().run_to(until)
+        except ViolationError as violation:
+            raise ViolationError(f"{violation} ({self.plan})") from None
 
     def _denied(self, item: DriveObject) -> bool:
         """Whether the gateway gives a reason that the PLC does not cause, or for longer than it may."""

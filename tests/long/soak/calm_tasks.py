@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final
 
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp406.objects import UNITS_PER_REVOLUTION
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
@@ -37,7 +38,7 @@ _ONLINE_NS: Final = 60 * SECOND
 _END_NS: Final = 5 * SECOND
 """Limit of a handshake, a ramp or a task, besides the latency of the drive and the time of the motion at its speed."""
 _TASK, _JOG_1, _JOG_2, _HOMING = 0x0040, 0x0100, 0x0200, 0x0800
-_NO_REJECT, _NO_STOP, _RAMP_GENERATOR = 0x0010, 0x0020, 0x0070
+_NO_OFF3, _NO_REJECT, _NO_STOP, _RAMP_GENERATOR = 0x0004, 0x0010, 0x0020, 0x0070
 _REACHED, _HOMED, _ACKNOWLEDGED = 0x0400, 0x0800, 0x1000
 _ABSOLUTE, _PRESET, _PARK = 0x2000, 0x1000, 0x4000
 """Bits of G1_STW and G1_ZSW."""
@@ -47,7 +48,7 @@ _LU_PER_REVOLUTION, _UNITS_PER_REVOLUTION, _FULL_VELOCITY = 10_000, 10, 30_000
 _SLOWEST: Final = 35
 """Increments per second of half a rpm, the smallest speed of the simulated drive."""
 _RANGE: Final = 500_000
-"""100 % of a position of telegram 9: 607Bh of the simulated drive."""
+"""100 % of a position of telegram 9: 607Bh of the simulated drive. Without a range a position is in its units."""
 _WINDOW: Final = 0.003
 """Revolutions, a little more than the ``position_window`` of the positioner."""
 _BLOCKS: Final = {1: 2.0, 2: -3.0, 3: -0.5}
@@ -134,7 +135,7 @@ class AxisProgram(Program):
         (self.axis,) = run.axes
         self.words = self.axis.words
         self.model = self.axis.drive.model
-        self.tasks = {"off and on": self.off_and_on}
+        self.tasks = {"off and on": self.off_and_on, "quick stop": self.quick_stop}
 
     def set(self, word: int) -> None:
         """Send another control word in one frame."""
@@ -162,6 +163,18 @@ class AxisProgram(Program):
             self.begin()
             self.pause()
         self.of.working = False
+        self.power_on(0)
+        self.of.working = True
+
+    def quick_stop(self) -> None:
+        """OFF3 in motion, and ON again."""
+        self.begin()
+        self.pause()
+        self.of.working = False
+        self.set(self.words.on & ~_NO_OFF3)
+        self.ends("quick stop", self.at_standstill)
+        if self.words.raw:
+            self.set(0)  # a drive may stay in Quick Stop Active
         self.power_on(0)
         self.of.working = True
 
@@ -332,7 +345,8 @@ class TaskProgram(AxisProgram):
     def units(self, revolutions: float) -> float:
         """A position in the telegram's unit."""
         if not self.positioner:
-            return revolutions * INCREMENTS_PER_REVOLUTION / _RANGE * N4_100_PERCENT
+            whole = N4_100_PERCENT if "position-range-none" in self.axis.plan.habits else _RANGE
+            return revolutions * INCREMENTS_PER_REVOLUTION / whole * N4_100_PERCENT
         return revolutions * (_UNITS_PER_REVOLUTION if self.suffix else _LU_PER_REVOLUTION)
 
     def order(self, target: float, share: float, *, absolute: bool = True, more: int = 0) -> None:
@@ -476,6 +490,11 @@ class TaskProgram(AxisProgram):
         self.arrives(target, share)
 
 
+def _signed(difference: int, whole: int = 1 << 32) -> int:
+    """The difference of two positions that wrap."""
+    return (difference + whole // 2) % whole - whole // 2
+
+
 class EncoderProgram(Program):
     """An encoder that turns and stops, with presets."""
 
@@ -505,8 +524,10 @@ class EncoderProgram(Program):
             raise ViolationError(f"P{_PRESET_PNU} is rejected: {answer.text}")
         self.sensor(_ABSOLUTE | _PRESET | relative << 11, _PRESET, _ABSOLUTE)
         expected = (before + value if relative else value) % self.model.chain.total_range
-        self.ends(f"position {expected}", lambda: self.shown("G1_XIST2") == expected)
-        if self.shown("G1_XIST1") != counted:
+        near = 4 * self.model.noise
+        whole = self.model.chain.total_range
+        self.ends(f"position {expected}", lambda: abs(_signed(self.shown("G1_XIST2") - expected, whole)) <= near)
+        if abs(_signed(self.shown("G1_XIST1") - counted)) > near:
             raise ViolationError(f"the preset moves G1_XIST1 from {counted} to {self.shown('G1_XIST1')}")
 
     def turn(self) -> None:
@@ -514,10 +535,26 @@ class EncoderProgram(Program):
         share, start = self.speed(), self.model.channels[1].mechanical
         self.model.set_motion(constant_speed(share * RATED_RPM / 60, start))
         asked = share * N4_100_PERCENT
-        self.ends("speed", lambda: abs(self.shown("NIST_B") - asked) <= 0.02 * N4_100_PERCENT)
+        self.ends("speed", lambda: abs(self.speed_shown() - asked) <= 0.02 * N4_100_PERCENT, 10)
         self.pause(3)
         self.model.set_motion(sine(self.chance.uniform(0, 3), self.period(), self.model.channels[1].mechanical))
         self.pause(5)
+
+    def speed_shown(self) -> float:
+        """NIST_B, or without it the speed of G1_XIST1 in the same unit."""
+        if "NIST_B" in self.of.plc.endpoint.telegrams[0].actuals.names:
+            return self.shown("NIST_B")
+        begin, before = self.next_position()
+        self.loop.sleep(4 * SECOND)
+        end, after = self.next_position()
+        revolutions = _signed(after - before) / self.model.read(UNITS_PER_REVOLUTION, 0)
+        return revolutions * SECOND / (end - begin) * 60 / RATED_RPM * N4_100_PERCENT
+
+    def next_position(self) -> tuple[int, int]:
+        """The time at which G1_XIST1 changes, and its new value. It may be read by SDO, so it is as old as the last reading."""
+        before = self.shown("G1_XIST1")
+        self.ends("motion", lambda: self.shown("G1_XIST1") != before)
+        return self.loop.now(), self.shown("G1_XIST1")
 
 
 def program(run: CalmRun) -> Program:
