@@ -190,11 +190,11 @@ BUDGET = {
     "tools.output": 4310,
     "tools.plc": 5997,
     "tools.service": 2312,
-    "beside": 2105,
+    "beside": 1963,
     "tests/long": 63264,
-    "tests": 579633,
+    "tests": 579745,
     "*.c": 0,
-    "*.js": 1018,
+    "*.js": 1026,
     "*.toml": 1644,
 }
 """The code tokens that each package may have, without its sub-packages; the lines that C, JavaScript and TOML may have.

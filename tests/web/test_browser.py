@@ -181,6 +181,7 @@ def test_the_chain_names_the_first_broken_link_and_what_to_do(shown: Shown) -> N
     tab = shown.open("#/axis/1")
     reads(tab, "#main h2", "Axis 1")
     reads(tab, ".large", "In operation")
+    assert "Position" not in tab.locator(".facts").inner_text(), "of an axis with a speed telegram"
     assert tab.locator("[data-chain] li.holds").count() == 9
 
     shown.plc.endpoint.set(0, {"STW1": ON & ~(1 << 10)})
@@ -210,6 +211,8 @@ def test_the_chain_names_the_first_broken_link_and_what_to_do(shown: Shown) -> N
     shown.until(lambda: shown.daemon.axes[0].reason is Reason.DRIVE_OFFLINE, "off the bus")
     link_is(shown, tab, Reason.DRIVE_OFFLINE)
     reads(tab, ".large", "■ Not on the bus")
+    shown.gateway.document["axes"][0]["heard_age_ms"] = 51_672
+    reads(tab, ".facts", "51 s ago")
     tab.get_by_role("button", name="What happened").click()
     reads(tab, ".happened li", "fault 12: EMCY")
     reads(tab, ".happened li", "Not on the bus: node 1")
@@ -300,6 +303,8 @@ def test_views_and_pages_of_files_are_accessible_fit_a_telephone_and_need_no_mou
             reads(tab, "#main", text)
             assert tab.evaluate("document.documentElement.scrollWidth") <= PHONE["width"], f"{view} is too wide"
             is_accessible(tab)
+            if view == "axis/1":  # all its enables are OK
+                assert tab.evaluate("document.querySelector('.plot').getBoundingClientRect().bottom") < PHONE["height"]
         for file in files:
             tab.goto(file.as_uri())
             is_accessible(tab)
@@ -330,15 +335,15 @@ def test_views_and_pages_of_files_are_accessible_fit_a_telephone_and_need_no_mou
     # 64 objects with one cause fit on one screen.
     tab = shown.tab
     document = shown.gateway.document
-    first = document["axes"][0] | {"state": "Waits", "state_id": "WAITS", "name": "slide"}
-    document["axes"] = [first | {"do_id": number, "label": f"axis {number}"} for number in range(1, 65)]
+    first = document["axes"][0] | {"state": "Waits", "state_id": "WAITS"}
+    document["axes"] = [first | {"do_id": number, "label": f'axis {number} "slide"'} for number in range(1, 65)]
     document["encoders"] = []
     cause = {"state": "Waits", "state_id": "WAITS", "reason": "no PLC", "reason_id": "NO_PLC", "remedy": "start it"}
     document["causes"] = [cause | {"who": "axes 1-64", "objects": list(range(1, 65))}]
     reads(tab, ".complaints li", "Axes 1-64 waits: no PLC. To do: start it.")
     assert tab.locator(".complaints li").count() == 1
     assert tab.locator(".tiles li").count() == 64
-    reads(tab, ".tiles li", "Axis 64 slide")
+    reads(tab, ".tiles li", 'Axis 64 "slide"')
     shown.go(tab, "#/events")
     reads(tab, "#main", "1 to 25 of")
     assert tab.locator(".events li").count() == 25

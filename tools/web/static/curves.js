@@ -21,10 +21,11 @@ export function curve(item) {
   const speeds = kept.map(([, speed]) => speed ?? 0);
   const high = Math.max(0, ...speeds);
   const span = Math.max(high - Math.min(0, ...speeds), (item.rated_speed ?? 100) / 100); // 1 %: noise stays flat
+  const [newest, seconds] = [kept.at(-1)?.[0], Math.max(1, kept.at(-1)?.[0] - kept[0]?.[0])]; // less than a minute has the whole width
   let [path, before] = ["", -Infinity];
   for (const [time, speed] of kept) {
     if (speed === null) continue;
-    const x = WIDTH * (1 - (kept.at(-1)[0] - time) / SECONDS);
+    const x = WIDTH * (1 - (newest - time) / seconds);
     path += `${time - before < GAP_S ? "L" : "M"}${x.toFixed(1)} ${(1 + (HEIGHT - 2) * (high - speed) / span).toFixed(1)}`;
     before = time;
   }

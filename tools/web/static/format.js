@@ -31,6 +31,12 @@ export function duration(seconds) {
   return units.slice(first, first + 2).filter(([, value]) => value > 0).map(([name, value]) => `${value}\u00a0${name}`).join(" ");
 }
 
+// How long ago, from milliseconds.
+export function age(ms) {
+  if (ms === null) return DASH;
+  return `${ms < 1000 ? withUnit(number(ms, 0), "ms") : duration(ms / 1000)} ago`;
+}
+
 export function clock(time) {
   const date = new Date(time);
   return [date.getHours(), date.getMinutes(), date.getSeconds()].map((part) => String(part).padStart(2, "0")).join(":");

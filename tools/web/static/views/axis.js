@@ -2,12 +2,12 @@
 
 import { html, nothing } from "../vendor/lit-html/lit-html.js";
 import { get, getOnce } from "../api.js";
-import { DASH, hex, number, withUnit } from "../format.js";
+import { DASH, age, hex } from "../format.js";
 import { Trend } from "../trend.js";
 import { explain } from "./explain.js";
 import { faultTable, lamp, objectName, position, speed, stateWord } from "./state.js";
 
-const ROOMY = matchMedia("(min-width: 46rem)").matches; // on a phone the bits of a word are unfolded by hand
+const ROOMY = matchMedia("(min-width: 46rem)").matches; // on a phone, bits of a word and a chain without a missing enable are unfolded by hand
 const held = { doId: null, trend: null, telegram: null, faults: [], seen: "" };
 
 function link(item, enable) {
@@ -75,11 +75,10 @@ function leave() {
 function facts(item) {
   const rows = [
     ["Speed", speed(item)],
-    ["Position", position(item)],
-    ["Device", `node ${item.node_id} on ${item.bus}: ${item.drive}${item.drive_text ? `, ${item.drive_text}` : ""}`],
+    ...(item.position === null ? [] : [["Position", position(item)]]),
+    ["Device", `node ${item.node_id} on ${item.bus}, telegram ${item.telegram}: ${item.drive}${item.drive_text ? `, ${item.drive_text}` : ""}`],
     ["Device state", item.drive_state ?? item.sensor_state ?? DASH],
-    ["Last frame", item.heard_age_ms === null ? DASH : withUnit(number(item.heard_age_ms, 0), "ms ago")],
-    ["Telegram", item.telegram],
+    ["Last frame", age(item.heard_age_ms)],
   ];
   return html`<dl class="facts">${rows.map(([name, value]) => html`<div><dt>${name}</dt><dd data-live>${value}</dd></div>`)}</dl>`;
 }
@@ -93,7 +92,8 @@ export function axis(state, draw) {
     <h2>${objectName(item)}</h2>
     <p class="large">${stateWord(state, item)}</p>
     ${item.reason ? html`<p class="reason">${item.reason}</p>` : nothing}
-    <ol class="chain" data-chain aria-label="Chain of enables">${item.chain.map((enable) => link(item, enable))}</ol>
+    <details ?open=${ROOMY || item.chain.some((enable) => enable.ok === false)}><summary>Enables</summary>
+      <ol class="chain" data-chain aria-label="Chain of enables">${item.chain.map((enable) => link(item, enable))}</ol></details>
     ${explain(item.do_id, draw)}
     ${held.trend.view(state)}
     ${facts(item)}

@@ -1,7 +1,7 @@
 // The CAN buses: load, nodes, what was counted.
 
 import { html, nothing } from "../vendor/lit-html/lit-html.js";
-import { DASH, integer, number, percent, withUnit } from "../format.js";
+import { DASH, age, integer, percent, withUnit } from "../format.js";
 import { objectName } from "./state.js";
 
 function nodes(status, bus) {
@@ -29,8 +29,8 @@ function one(status, bus) {
       <thead><tr><th>Node</th><th>State</th><th class="number">Last frame</th><th>Used by</th></tr></thead>
       <tbody>${nodes(status, bus).map((node) => html`<tr>
         <td>${node.node_id}</td>
-        <td class=${node.drive === "online" ? "" : "past"}>${node.drive === "online" ? "●" : "■"} ${node.drive}${node.drive_text ? html` <small>${node.drive_text}</small>` : nothing}</td>
-        <td class="number" data-live>${node.heard_age_ms === null ? DASH : withUnit(number(node.heard_age_ms, 0), "ms ago")}</td>
+        <td><span class=${node.drive === "online" ? "good" : "bad"}>${node.drive === "online" ? "●" : "■"} ${node.drive}</span>${node.drive_text ? html` <small>${node.drive_text}</small>` : nothing}</td>
+        <td class="number" data-live>${age(node.heard_age_ms)}</td>
         <td>${node.names.map((item) => html`<a href=${`#/axis/${item.do_id}`}>${objectName(item)}</a> `)}</td></tr>`)}
         ${bus.unconfigured.map((number) => html`<tr class="past"><td>${number}</td><td>? not in the configuration</td><td class="number">${DASH}</td><td></td></tr>`)}</tbody>
     </table></div>

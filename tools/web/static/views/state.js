@@ -1,7 +1,7 @@
 // How a state, a reason and a fault look: symbol and word, never colour alone.
 
 import { html, nothing } from "../vendor/lit-html/lit-html.js";
-import { DASH, duration, integer, moment, number, withUnit } from "../format.js";
+import { DASH, age, duration, integer, moment, number, withUnit } from "../format.js";
 
 // States that need nobody, and states of a device that is away or in fault.
 export const FINE = ["OBEYS", "OFF"];
@@ -12,7 +12,8 @@ export function stateWord(state, item) {
   return html`<span class="state" data-state=${item.state_id}><span aria-hidden="true">${symbol}</span> ${item.state}</span>`;
 }
 
-export const objectName = (item) => `${"channel" in item ? "Encoder" : "Axis"} ${item.do_id}${item.name ? ` ${item.name}` : ""}`;
+// As in the gateway's sentences.
+export const objectName = (item) => item.label[0].toUpperCase() + item.label.slice(1);
 
 // Kind and symbol of a link of the chain of enables. What is missing while an axis is off is no defect.
 export function lamp(item, link) {
@@ -30,14 +31,14 @@ export function lamps(item) {
 
 // Of a device that is away, the last speed with its age.
 export function speed(item) {
-  if (item.last) return html`<span class="past">last ${speed({ ...item, ...item.last, last: null })}, ${duration(item.heard_age_ms / 1000)} ago</span>`;
+  if (item.last) return html`<span class="past">last ${speed({ ...item, ...item.last, last: null })}, ${age(item.heard_age_ms)}</span>`;
   if (item.speed_rpm !== null && item.speed_rpm !== undefined) return withUnit(number(item.speed_rpm), "rpm");
   if (item.speed !== null && item.speed !== undefined) return withUnit(number(item.speed), item.speed_unit);
-  return item.velocity === null || item.velocity === undefined ? DASH : withUnit(integer(item.velocity), "units");
+  return item.velocity === null || item.velocity === undefined ? DASH : withUnit(integer(item.velocity), "velocity units");
 }
 
 export function position(item) {
-  return withUnit(integer(item.position), item.position === null ? "" : item.position_unit ?? "units");
+  return withUnit(integer(item.position), item.position === null ? "" : item.position_unit ?? "position units");
 }
 
 export function lastFault(item) {
