@@ -22,6 +22,7 @@ from pdgw.gateway.objects.enable_chain import device_warning, notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
+from pdgw.gateway.objects.protections import protections
 from pdgw.gateway.ports import bound
 from pdgw.gateway.service.causes import causes, who
 from pdgw.gateway.store import units_text
@@ -165,6 +166,9 @@ def axis_status(axis: Axis) -> dict[str, Any]:
             "units_witnessed": units_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
             "pdos": list(plan.lines) if plan is not None else [],
             "guarding": axis.drive.guarding.text if axis.drive.guarding is not None else "",
+            "protections": [
+                {"name": item.name, "active": item.active, "text": item.text} for item in protections(axis)
+            ],
         }
     )
 

@@ -182,6 +182,8 @@ def _row(item: dict[str, Any]) -> str:
         parts.append(f"fault {active['number']} not acknowledged")
     if item["warning"]:
         parts.append(item["warning"])
+    if item["state_id"] == AxisState.OBEYS.name:
+        parts += [f"{item['name']} not active" for item in item.get("protections", ()) if item["active"] is False]
     return f"{item['label']}: {item['state']} ({', '.join(parts)})"
 
 
@@ -286,9 +288,9 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
         yield from _folded(",  ".join(parts) or "nothing valid", width, 12, f"  {title:<9} ")
     if not item["iops_good"]:
         yield "  its values are marked as bad (IOPS)"
-    guarding = [f"if the gateway dies, it is stopped by: {item['guarding']}"] if item.get("guarding") else []
+    protections = [f"{protection['name']}: {protection['text']}" for protection in item.get("protections", ())]
     confirmed = [item["units_witnessed"]] if item.get("units_witnessed") else []
-    for line in (*item.get("scaling", ()), *confirmed, *item.get("pdos", ()), *guarding):
+    for line in (*item.get("scaling", ()), *confirmed, *item.get("pdos", ()), *protections):
         yield from _folded(line, width, 4, "  ")
     yield from _faults(item, width)
     older = item["fault_count"] - len(item["faults"])

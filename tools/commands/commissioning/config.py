@@ -50,17 +50,17 @@ def check(
     wrong = references_wrong(config, file)
     if wrong:
         raise GatewayError("\n".join(wrong))
-    _start(config)
+    protected = _start(config)
     stored = stored_parameters(config.store).telegrams
     if replaced := config.replaced_telegrams(stored):
         config = config.with_telegrams(stored)
-        _start(config)
+        protected = _start(config)
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
     objects = counted(len(config.axis), "axis", "axes") + (
         f" and {counted(len(config.encoder), 'encoder')}" if config.encoder else ""
     )
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
-    for line in replaced:
+    for line in (*replaced, *protected):
         typer.echo(line)
     refused = False
     if bus:
@@ -123,15 +123,26 @@ def _print_bus_load(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, P
     check_cycle(bus.name, found)
 
 
-def _start(config: GatewayConfig) -> None:
-    """Find all other errors of a start: build the gateway in a simulated world, without interfaces, ports or files."""
+def _start(config: GatewayConfig) -> list[str]:
+    """Find all other errors of a start: build the gateway in a simulated world, without interfaces, ports or files.
+
+    The result is a line for each protection, as far as it is known before the start.
+    """
     from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.configuration.environment import TransportConfig
+    from pdgw.gateway.objects.protections import protections
+    from pdgw.gateway.service.causes import who
     from pdgw.peers.world import World
 
     # A PROFINET link needs a real network interface, so UDP replaces it.
     transport = config.transport if config.transport.type == "udp" else TransportConfig()
-    build_gateway(config.model_copy(update={"transport": transport, "store": None}), World()).release()
+    daemon = build_gateway(config.model_copy(update={"transport": transport, "store": None}), World())
+    found: dict[str, dict[int, str]] = {}
+    for axis in daemon.axes:
+        for item in protections(axis):
+            found.setdefault(f"{item.name}: {item.text}", {})[axis.do_id] = axis.label
+    daemon.release()
+    return [f"{who(labels)}: {line}" for line, labels in found.items()]
 
 
 def _open(config: GatewayConfig) -> None:

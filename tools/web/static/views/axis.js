@@ -103,6 +103,7 @@ export function axis(state, draw) {
     </div>
     ${item.iops_good ? nothing : html`<p>The PLC receives its values marked as bad (IOPS).</p>`}
     ${item.scaling?.length ? html`<details><summary>What 100 % is</summary><ul>${item.scaling.map((line) => html`<li>${line}</li>`)}</ul></details>` : nothing}
+    ${item.protections ? html`<details><summary>Protections</summary><ul>${item.protections.map(({ name, text }) => html`<li>${name}: ${text}</li>`)}</ul></details>` : nothing}
     <h3>Faults and warnings</h3>
     ${faultTable(item.faults.length ? (held.faults.length ? held.faults : item.faults) : [])}`;
 }
