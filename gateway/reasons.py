@@ -135,10 +135,10 @@ class Reason(enum.Enum):
         "STW1.1 = 1, then OFF and ON",
     )
     SETPOINT_DISABLED = (
-        "no setpoint: STW1 bits 4, 5 and 6 must all be 1",
+        "no setpoint: STW1.4, STW1.5 or STW1.6 is 0",
         _S.WAITS,
         _E.SETPOINT,
-        "the PLC's program must set STW1.4, STW1.5 and STW1.6",
+        "the PLC's program must set the bits that are 0",
     )
     INTERNAL_LIMIT = (
         "the drive itself limits the motion (Statusword.11: limit switch, position or speed limit)",

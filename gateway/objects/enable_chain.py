@@ -20,8 +20,10 @@ from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
 from pdgw.gateway.axis.adapters.speed_words import DEVICE_BITS, SpeedAdapter
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import Phase
+from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.objects.bit_effects import Missing
 from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
 from pdgw.profidrive.encoder import ENCODER_ACKNOWLEDGE, SENSOR_ACKNOWLEDGE, SENSOR_ERROR_TEXTS, SensorState
 from pdgw.profidrive.signal_text import value_text
@@ -57,8 +59,8 @@ _STOPS: Final = {
 }
 """Stop commands of the PLC. Its OFF1 is first a ramp stop, which the phase shows."""
 _HELD: Final = (Reason.COAST_STOP, Reason.QUICK_STOP)
-_ENABLES: Final = (1, 2, 3)
-"""Bits of STW1 that must be 1 beside ON: no OFF2, no OFF3, enable operation."""
+_ENABLES: Final = (*_HELD, Reason.ENABLE_MISSING)
+"""Reasons of the bits of STW1 that must be 1 beside ON."""
 _NAMED: Final = {
     Reason.LOST_EDGE: 1 << 6,
     Reason.EARLY_EDGE: 1 << 6,
@@ -318,7 +320,8 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
         missing = _PHASES.get(phase, Reason.SWITCHED_OFF)
     if missing is None and not axis.released:
         missing = _PHASES.get(phase, Reason.NEEDS_OFF)
-    held = _held_bits(axis) if missing in _HELD else ""
+    name, word = _control_word(axis)
+    held = Missing.of(name, word, *_ENABLES).set_to(0) if missing in _HELD and word & 1 else ""
     if held and not axis.powered:
         chain.breaks(Reason.HELD_OFF, f"the PLC sends ON (STW1.0 = 1) and keeps the drive off: {held}")
         return
@@ -339,6 +342,11 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
 def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
     """Evidence and remedy of an order that was refused: what it lacked, its bound and its time; then bits without effect."""
     executor, bits, positioner = axis.machine.executor, _NAMED.get(reason, 0), axis.config.positioner
+    if reason is Reason.SETPOINT_DISABLED:
+        missing = Missing.of(*_control_word(axis), reason)
+        holds = axis.machine.settings.setpoint_enable is SetpointEnable.HOLD
+        effects = "the last setpoint stays" if holds else ", ".join(missing.effects)
+        return f"no setpoint: {missing.set_to(0)} ({effects})", f"the PLC's program must set {missing.set_to(1)}"
     text, remedy = chain.own_text(reason) or reason.value, reason.remedy
     if reason in _ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
         text = f"{text} (at {chain.clock(record.time_ns)})"
@@ -451,13 +459,6 @@ def notes(axis: Axis) -> list[str]:
 def _bits(word: int, value: str = "") -> str:
     """The set bits of STW1."""
     return ", ".join(f"STW1.{bit}{value}" for bit in range(16) if word >> bit & 1)
-
-
-def _held_bits(axis: Axis) -> str:
-    """All bits that forbid operation in a word with ON: ``STW1.1 = STW1.3 = 0``; empty without ON."""
-    name, word = _control_word(axis)
-    held = "".join(f"{name}.{bit} = " for bit in _ENABLES if not word >> bit & 1)
-    return f"{held}0" if held and word & 1 else ""
 
 
 def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:

@@ -382,7 +382,8 @@ SITUATIONS: dict[str, Situation] = {
     ),
     "the PLC's program enables no setpoint": Situation(
         begin=BREAKERS[Enable.SETPOINT],
-        says=("Waits: no setpoint: STW1 bits 4, 5 and 6 must all be 1",),
+        says=("Waits: no setpoint: STW1.4 = 0", "must set STW1.4 = 1"),
+        lacks=("STW1.5", "STW1.6"),
         health=Health.WARNING,
         cure=words((ON, {})),
     ),
