@@ -234,6 +234,15 @@ def test_bad_eds_is_reported_before_the_first_packet(
     assert not lines(capsys)
 
 
+def test_request_as_the_guide_prints_it_is_decoded_with_a_note(capsys: pytest.CaptureFixture[str]) -> None:
+    decode(hex_text="01 01 01 00 01 10 18 10 00 03")
+    shown = capsys.readouterr()
+    assert "1018h.3" in shown.out
+    assert "swapped, as in the manufacturer's guide; decoded as 01 01 00 01 10 01 10 18 00 03" in shown.err
+    decode(hex_text="01 01 00 01 10 01 10 18 00 03")
+    assert not capsys.readouterr().err
+
+
 def test_hex_is_a_packet_with_the_options_of_a_capture(capsys: pytest.CaptureFixture[str]) -> None:
     decode(hex_text="7F04 0010", telegram=[1])
     assert "STW1 7F04h is 047Fh with its bytes swapped" in capsys.readouterr().err

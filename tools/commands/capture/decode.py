@@ -148,7 +148,7 @@ def decode(
 def _hex_packets(text: str, telegrams: list[int]) -> tuple[list[Packet], list[int]]:
     """The packets that carry the data and the telegrams of their axes: telegram words can be setpoints and actual values."""
     from pdgw.profidrive.telegrams import Direction
-    from pdgw.tools.decoder.frames.recognise import packet_of, parse_hex, swapped_words
+    from pdgw.tools.decoder.frames.recognise import packet_of, parse_hex, standard_request, swapped_words
 
     data = parse_hex(text)
     found: list[tuple[Packet, list[int]]] = []
@@ -161,6 +161,10 @@ def _hex_packets(text: str, telegrams: list[int]) -> tuple[list[Packet], list[in
             continue
         if not found and len(chosen) == 1 and (hint := swapped_words(data, chosen[0], direction)):
             _print_notices([hint])
+        if not found and (standard := standard_request(data)) and packet.data.endswith(standard):
+            _print_notices(
+                [f"the bytes of its words are swapped, as in the manufacturer's guide; decoded as {standard.hex(' ')}"]
+            )
         found.append((packet, list(chosen)))
     if not found:
         raise refusals[0]

@@ -88,9 +88,7 @@ def packet_of(
         return _cyclic(assumed, unit), telegrams
     if _is_frame(data):
         return _ethernet(data), telegrams
-    standard = unswap(data)
-    if standard is not None and not _is_request(data):
-        data = standard
+    data = standard_request(data) or data
     if _is_request(data):
         return _acyclic(PacketType.REQUEST, Operation.WRITE, BlockType.WRITE_REQUEST, data), telegrams
     if _is_response(data):
@@ -103,6 +101,11 @@ def packet_of(
     for number in telegrams:
         expected += f" ({assumed.value}s of telegram {number} have {telegram(number).half(assumed).size} bytes)"
     raise ProfidriveError("data", f"{len(data)} bytes {data[:8].hex(' ')}", expected)
+
+
+def standard_request(data: bytes) -> bytes | None:
+    """The parameter request that is printed with swapped bytes, as in the manufacturer's guide; None for other data."""
+    return None if _is_request(data) else unswap(data)
 
 
 def swapped_words(data: bytes, number: int, direction: Direction) -> str:
