@@ -204,7 +204,7 @@ class StopWatch:
             return False
         leave = COLUMNS[limit].leave
         if self._ignored_since < 0 or state is not self._ignored or (leave > self._leave and self.waits):
-            self._ignored, self._ignored_since, self._leave = state, now, leave
+            self._ignored, self._ignored_since = state, now
             self._still_since = -1
         self._leave = max(leave, self._leave)
         ignored, allowed = now - self._ignored_since, self._reaction

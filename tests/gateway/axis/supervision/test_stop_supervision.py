@@ -307,6 +307,15 @@ def test_disable_voltage_after_a_finished_quick_stop_waits_for_the_brake() -> No
     assert without_reaction(bench, QUICK_STOP, int(SECOND // CYCLE)) is Brake.NMT_STOP
 
 
+def test_off2_keeps_the_reaction_time_when_the_plc_is_lost_after_it() -> None:
+    bench = turning()
+    bench.step(COAST, 0x2000)
+    feedback = bench.drive.feedback
+    feedback.statusword = STATUS_OF[State.QUICK_STOP_ACTIVE] | StatusBit.VOLTAGE_ENABLED
+    feedback.velocity_actual = 0
+    assert without_reaction(bench, None, int(REACTION // CYCLE) + 3) is Brake.NMT_STOP
+
+
 # -- Disable Operation --------------------------------------------------------------------------------------------------
 
 
