@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from pdgw.durations import SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.profinet.station import profinet_model
 from pdgw.peers.controller.controller import Phase
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NORMAL, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.output.status_text import Health
-from tests.support.documents.situations import Situation, Step, both, good
-from tests.support.gateways.daemon import OFF, Plc
-from tests.support.gateways.profinet_daemon import ControllerPlc, Plant
+from tests.support.documents.situations import Situation, Step, both, good, run_out
+from tests.support.gateways.daemon import OFF, Plc, world_of
+from tests.support.gateways.profinet_daemon import OTHER_IP, ControllerPlc, Plant, abort, try_to_connect
+from tests.support.wire.profinet import PLC_IP, PLC_MAC
 
 _SHORT = "cycle_time_ms = 4\nwatchdog_factor = 3"
 _ROUTED = 'cycle_time_ms = 4\nwatchdog_factor = 75\nlisten = "192.168.0.5"\npeer = "192.168.0.10"'
@@ -81,6 +83,13 @@ def _use_another_byte_after_the_last_object(plc: Plc, _: Daemon) -> None:
     plc.endpoint.set(len(plc.endpoint.setpoints) - 1, {"STW1": OFF})
 
 
+def _laptop(plc: Plc, daemon: Daemon) -> None:
+    """Another sender's frames, some seconds before."""
+    port = world_of(daemon).network.open("laptop", 0, "PLC")
+    port.send(bytes(46), daemon.address)
+    run_out(plc, 2 * SECOND)
+
+
 PLC_SITUATIONS: dict[str, PlcSituation] = {
     "the PLC sends a longer telegram": PlcSituation(
         numbers=(111,),
@@ -131,6 +140,12 @@ PLC_SITUATIONS: dict[str, PlcSituation] = {
         says=("20 ms apart", "limit is 12 ms", "raise cycle_time_ms or watchdog_factor"),
         cure=_in_each_cycle,
         transport=_SHORT,
+    ),
+    "another sender's frames come, then the PLC is silent": PlcSituation(
+        begin=both(_laptop, lambda plc, _: setattr(plc, "silent", True)),
+        says=("PLC lost: no valid frame for 15 cycles, since ", "check the cable"),
+        lacks=("laptop", "do not count"),
+        cure=good,
     ),
     "the PLC has another address than peer": PlcSituation(
         numbers=(1,),
@@ -184,6 +199,25 @@ def _plug(site: Plant) -> None:
     site.port.on_link()
 
 
+def _silent(plc: Plc, _: Daemon) -> None:
+    plc.silent = True
+
+
+def _alive(site: Plant) -> None:
+    site.killed = False
+    site.plc.phase = Phase.ENDED
+
+
+def _never_connect(plc: Plc, _: Daemon) -> None:
+    assert isinstance(plc, ControllerPlc)
+    plc.retry = 1 << 62
+
+
+def _try_again(plc: Plc, _: Daemon) -> None:
+    assert isinstance(plc, ControllerPlc)
+    plc.retry = 0
+
+
 def _rename(site: Plant) -> None:
     site.plc.release(site.loop.now())
     site.until(lambda: site.plc.phase is Phase.ENDED, "released")
@@ -207,6 +241,32 @@ CONTROLLER_SITUATIONS: dict[str, PlcSituation] = {
         says=("Connect from 192.168.0.1 rejected", "IocrBlockReq.watchdog"),
         lacks=("cable",),
         cure=both(_at(_right_project), good),
+    ),
+    "another controller is rejected, then the controller is silent": PlcSituation(
+        begin=both(_at(try_to_connect), _silent),
+        says=("PLC lost: no valid frame for 12 cycles, since ", "check the cable"),
+        lacks=("rejected", OTHER_IP),
+        cure=good,
+    ),
+    "the controller's project was rejected once before, then the controller is silent": PlcSituation(
+        operates=False,
+        begin=both(_at(lambda site: try_to_connect(site, PLC_IP, PLC_MAC, data_hold=0)), good, _silent),
+        says=("PLC lost: no valid frame for 12 cycles, since ", "check the cable"),
+        lacks=("rejected",),
+        cure=good,
+    ),
+    "the controller ends the relationship with an error": PlcSituation(
+        begin=_at(abort(0x24)),
+        says=("PLC lost: the relationship has ended: the controller sent an alarm ERR (CF 81 FD 24), since ",),
+        lacks=("0D",),
+        cure=both(_at(_alive), good),
+    ),
+    "no controller has connected": PlcSituation(
+        operates=False,
+        begin=_never_connect,
+        says=("no controller has connected to the name of station press-1", "modules and telegrams", "pdgw map"),
+        lacks=("port", "no valid frame"),
+        cure=both(_try_again, good),
     ),
     "the Ethernet cable is off": PlcSituation(
         begin=_at(_pull), says=("the Ethernet cable of eth1 is off", "plug the cable"), cure=both(_at(_plug), good)

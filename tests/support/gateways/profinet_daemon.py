@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from pdgw.durations import MS, SECOND
@@ -20,6 +21,10 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import World
 from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
 from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet import ethernet
+from pdgw.profinet.alarms import apmx
+from pdgw.profinet.alarms.apmx import PduType
+from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.blocks.control import ControlCommand, PrmBeginReq
 from pdgw.profinet.model import TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -38,6 +43,8 @@ _LONGEST_TURN_NS = MS
 """The controller of a plant computes when it is due, at these intervals."""
 OFF, ON = 0x047E, 0x047F
 _PATIENCE = 20 * SECOND
+OTHER_IP, OTHER_MAC = "192.168.0.77", bytes.fromhex("020000000077")
+"""Of another controller."""
 
 
 def configuration(axes: str, store: Path, *, transport: str = "") -> GatewayConfig:
@@ -192,13 +199,13 @@ class ControllerPlc(Plc):
         self.site, self.daemon, self.loop = site, site.daemon, site.loop
         self.endpoint = PlcEndpoint([item.telegram for item in site.daemon.objects], site.daemon.cycle_ns)
         self.silent = False
-        self._retry = 0
+        self.retry = 0
         self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, len(site.daemon.objects) + 1)]
 
     def send(self) -> None:
         controller, endpoint, now = self.site.plc, self.endpoint, self.loop.now()
-        if controller.phase in {Phase.IDLE, Phase.ENDED} and now >= self._retry:
-            self._retry = now + SECOND
+        if controller.phase in {Phase.IDLE, Phase.ENDED} and now >= self.retry:
+            self.retry = now + SECOND
             controller.start(now)
         provider = controller.provider
         if provider is None:
@@ -229,6 +236,39 @@ def parameterise_again(site: Plant) -> None:
     plc = site.plc
     block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=ControlCommand.PRM_BEGIN)
     plc._send_call(Operation.CONTROL, block.encode(), lambda *_: None, site.loop.now())
+
+
+def try_to_connect(site: Plant, host: str = OTHER_IP, mac: bytes = OTHER_MAC, **project: object) -> None:
+    """One Connect of a controller, which the device refuses."""
+    before = site.link.device.cm.refusals
+    other = IoController(
+        Station(Identity(mac, 1, 1, "plc", "PLC"), "plc-2"), replace(site.plc.project, **project), DEVICE_IP, seed=9
+    )
+    other.learned.mac, other.learned.ip = DEVICE_MAC, DEVICE_IP
+    other._services.device = site.link.device.cm._object
+    other._connect(site.loop.now())
+    site.others[host, ACYCLIC_PORT] = deque()
+    for _, data in other.outgoing():
+        site.port.datagrams.append((bytes(data), (host, ACYCLIC_PORT)))
+        site.port.on_other()
+    site.run(20 * MS)
+    del site.others[host, ACYCLIC_PORT]
+    assert site.link.device.cm.refusals == before + 1
+
+
+def abort(code: int) -> Callable[[Plant], None]:
+    """The controller ends with an alarm ERR of this code."""
+
+    def act(site: Plant) -> None:
+        relation = site.link.device.relation
+        assert relation is not None
+        content = bytes((0xCF, 0x81, 0xFD, code))
+        reference = site.plc.project.alarm().reference
+        pdu = apmx.encode(Priority.LOW, relation.reference, reference, PduType.ERR, 0xFFFE, 0xFFFF, content)
+        site.port.arrive(None, ethernet.frame(DEVICE_MAC, PLC_MAC, pdu, tag=0xA000))
+        site.killed = True
+
+    return act
 
 
 class PlantChannel:

@@ -72,7 +72,8 @@ class Homing:
         allowed = (
             ", ".join(str(number) for number in sorted(self.methods)) or "none: the drive has no homing (6502h, 60E3h)"
         )
-        outputs.warn(FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}")
+        asked = "homing_method is not configured" if method is None else f"homing method {method}"
+        outputs.warn(FaultNumber.HOMING_METHOD, f"{asked}, allowed {allowed}")
         return False
 
     def _offered(self, method: int) -> int:

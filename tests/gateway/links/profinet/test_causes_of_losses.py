@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS, SECOND
+from pdgw.durations import SECOND
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.status import explanation, snapshot
-from pdgw.peers.controller.controller import IoController
-from pdgw.profinet import ethernet
-from pdgw.profinet.alarms import apmx
-from pdgw.profinet.alarms.apmx import PduType
-from pdgw.profinet.blocks.alarm import Priority
-from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.profinet.station import Identity, Station
 from tests.support.gateways.daemon import axis
-from tests.support.gateways.profinet_daemon import Plant, configuration, plant
-from tests.support.wire.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
-
-OTHER_IP, OTHER_MAC = "192.168.0.77", bytes.fromhex("020000000077")
-"""Of another controller."""
+from tests.support.gateways.profinet_daemon import OTHER_IP, Plant, abort, configuration, plant, try_to_connect
+from tests.support.wire.profinet import PLC_IP, PLC_MAC
 
 
 @contextmanager
@@ -41,24 +29,6 @@ def drives(site: Plant) -> None:
     site.enable(1, 0x1000)
 
 
-def try_to_connect(site: Plant, host: str = OTHER_IP, mac: bytes = OTHER_MAC, **project: object) -> None:
-    """One Connect of a controller, which the device refuses."""
-    before = site.link.device.cm.refusals
-    other = IoController(
-        Station(Identity(mac, 1, 1, "plc", "PLC"), "plc-2"), replace(site.plc.project, **project), DEVICE_IP, seed=9
-    )
-    other.learned.mac, other.learned.ip = DEVICE_MAC, DEVICE_IP
-    other._services.device = site.link.device.cm._object
-    other._connect(site.loop.now())
-    site.others[host, ACYCLIC_PORT] = deque()
-    for _, data in other.outgoing():
-        site.port.datagrams.append((bytes(data), (host, ACYCLIC_PORT)))
-        site.port.on_other()
-    site.run(20 * MS)
-    del site.others[host, ACYCLIC_PORT]
-    assert site.link.device.cm.refusals == before + 1
-
-
 def refuse_wrong_tag(site: Plant) -> None:
     """The owner's first Connect has a watchdog that is not allowed."""
     try_to_connect(site, PLC_IP, PLC_MAC, data_hold=0)
@@ -70,21 +40,6 @@ def fall_silent(site: Plant) -> None:
 
 def release(site: Plant) -> None:
     site.plc.release(site.loop.now())
-
-
-def abort(code: int) -> Callable[[Plant], None]:
-    """The controller ends with an alarm ERR of this code."""
-
-    def act(site: Plant) -> None:
-        relation = site.link.device.relation
-        assert relation is not None
-        content = bytes((0xCF, 0x81, 0xFD, code))
-        reference = site.plc.project.alarm().reference
-        pdu = apmx.encode(Priority.LOW, relation.reference, reference, PduType.ERR, 0xFFFE, 0xFFFF, content)
-        site.port.arrive(None, ethernet.frame(DEVICE_MAC, PLC_MAC, pdu, tag=0xA000))
-        site.killed = True
-
-    return act
 
 
 def sentence(site: Plant) -> str:
