@@ -608,6 +608,24 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "move in the other direction; the limits are the key software_limits",
     )
+    SEVERE_FAULT = (
+        "a severe fault is not acknowledged",
+        _S.FAULT,
+        _E.NO_FAULT,
+        "remove the cause; then acknowledge (STW1.7)",
+    )
+    LOCAL_MODE = (
+        "local mode (Statusword.9 = 0): the drive takes no commands from the bus",
+        _S.WAITS,
+        _E.OPERATION,
+        "switch the drive to remote at its panel or in its tool; then OFF and ON",
+    )
+    LOCAL_TURNS = (
+        "local mode (Statusword.9 = 0): the shaft turns by the drive's panel or tool, not by the gateway",
+        _S.FAULT,
+        _E.OPERATION,
+        "stop the drive at its panel or in its tool, and switch it to remote",
+    )
 
 
 def with_count(text: str, count: int, duration_ns: int) -> str:
@@ -670,6 +688,8 @@ class FaultNumber(enum.IntEnum):
     DSC_OUT_OF_DATE = 134
 
 
+INTERNAL_FAULT: Final = 10
+"""Number of the manufacturer's table for a fault of the device without its own number."""
 FIRST_WARNING = 108
 """Number of the warning with bit 0 of P953; the others follow."""
 EMCY_WARNING: Final = 1 << 14
@@ -683,6 +703,17 @@ def first_warning(bits: int) -> int:
     return FIRST_WARNING + (bits & -bits).bit_length() - 1 if bits else 0
 
 
+class By(enum.Enum):
+    """Who began a stop."""
+
+    PLC = "PLC"
+    DRIVE = "device"
+    NODE = "node"
+    BUS = "bus"
+    GATEWAY = "gateway"
+    OTHER_MASTER = "another master"
+
+
 @dataclass(frozen=True, slots=True)
 class GatewayFault:
     """A fault the gateway itself raises: P947 number, P945 code, warning or fault."""
@@ -690,7 +721,12 @@ class GatewayFault:
     number: int
     name: str
     code: int
+    by: By
+    """Who causes it."""
+    remedy: str
     is_warning: bool = False
+    severe: bool = False
+    """The drive did not do what was commanded, or more: the axis is in fault until an acknowledgement."""
 
     @property
     def warning_mask(self) -> int:
@@ -698,49 +734,168 @@ class GatewayFault:
         return 1 << (self.number - FIRST_WARNING) if self.is_warning else 0
 
 
+_B, _F = By, FaultNumber
+_SUPPLY: Final = "check plug, cable and supply of the node"
+_BUS: Final = "check CAN cable, termination, bit rate and the interface"
+_CONFIGURATION: Final = "compare the device with the configuration, see pdgw config check --bus"
+_POSITION: Final = "check the setpoint, and whether the axis is blocked"
+_FRAMES: Final = "check the cable, the PLC's operating mode (STOP) and its cycle time"
+_STOPS: Final = "check brake resistor, the quick stop ramp (6085h, 605Ah), brake and mechanics"
+_UNITS: Final = "check velocity_unit and counts_per_revolution with pdgw axis test"
 GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
     {
         fault.number: fault
         for fault in (
-            GatewayFault(FaultNumber.NODE_LOST, "node lost (heartbeat or TPDO timeout)", HEARTBEAT_ERROR),
-            GatewayFault(FaultNumber.BUS_LOST, "CAN bus-off or CAN interface lost", BUS_OFF_RECOVERED),
-            GatewayFault(FaultNumber.PLC_LOST, "PLC lost", 0xFF01),
-            GatewayFault(FaultNumber.REFERENCE, "100 % or mode of operation of the drive unknown", 0xFF02),
-            GatewayFault(FaultNumber.NODE_RESTARTED, "node restarted during operation", 0xFF03),
-            GatewayFault(FaultNumber.NODE_REFUSED, "node identity or configuration rejected", 0xFF04),
-            GatewayFault(FaultNumber.STATE_UNKNOWN, "drive state unknown", 0xFF05),
-            GatewayFault(FaultNumber.HOMING_METHOD, "homing method not supported", 0xFF06, is_warning=True),
-            GatewayFault(FaultNumber.HOMING, "homing error", 0xFF07, is_warning=True),
-            GatewayFault(FaultNumber.MODE_NOT_CONFIRMED, "mode of operation not confirmed", 0xFF08, is_warning=True),
+            GatewayFault(_F.NODE_LOST, "node lost", HEARTBEAT_ERROR, _B.NODE, _SUPPLY),
+            GatewayFault(_F.BUS_LOST, "CAN bus-off or CAN interface lost", BUS_OFF_RECOVERED, _B.BUS, _BUS),
+            GatewayFault(_F.PLC_LOST, "PLC lost", 0xFF01, _B.PLC, _FRAMES),
             GatewayFault(
-                FaultNumber.HOMING_PARAMETERS, "drive rejected the homing parameters", 0xFF09, is_warning=True
+                _F.REFERENCE, "100 % or mode of operation of the drive unknown", 0xFF02, _B.DRIVE, "set the named key"
             ),
-            GatewayFault(FaultNumber.INTERNAL_LIMIT, "internal limit of the drive reached", 0xFF0A, is_warning=True),
-            GatewayFault(FaultNumber.POSITIONER, "positioner: task rejected or changed", 0xFF0B, is_warning=True),
-            GatewayFault(FaultNumber.DSC_GAIN, "gain of DSC limited", 0xFF0C, is_warning=True),
+            GatewayFault(_F.NODE_RESTARTED, "node restarted during operation", 0xFF03, _B.NODE, _SUPPLY),
+            GatewayFault(_F.NODE_REFUSED, "node identity or configuration rejected", 0xFF04, _B.NODE, _CONFIGURATION),
             GatewayFault(
-                FaultNumber.VELOCITY_DEVIATES, "speed and position do not match exactly", 0xFF0D, is_warning=True
+                _F.STATE_UNKNOWN,
+                "drive state unknown",
+                0xFF05,
+                _B.DRIVE,
+                "check the device and its PDO mapping: the Statusword is not a CiA 402 state",
+                severe=True,
             ),
-            GatewayFault(FaultNumber.PRESET, "preset of the encoder failed", 0xFF0F, is_warning=True),
-            GatewayFault(FaultNumber.SET_POINT, "drive rejected the data of a setpoint", 0xFF10, is_warning=True),
-            GatewayFault(FaultNumber.CONTROL_LOST, "control by PLC removed in operation", 0xFF15, is_warning=True),
-            GatewayFault(FaultNumber.NODE_ABSENT, "node does not answer", 0xFF11),
-            GatewayFault(FaultNumber.LEFT_OPERATION, "drive left operation without a command", 0xFF12),
-            GatewayFault(FaultNumber.OTHER_MASTER, "another master on the bus", 0xFF13),
-            GatewayFault(FaultNumber.SIGN_OF_LIFE, "sign of life of the PLC lost", 0xFF14),
-            GatewayFault(FaultNumber.STOP_IGNORED, "drive does not stop", 0xFF16),
-            GatewayFault(FaultNumber.ENABLE_UNASKED, "Enable Operation without a command of the PLC", 0xFF18),
-            GatewayFault(FaultNumber.FRAME_CHANGED, "frame of the PLC changed by P922", 0xFF17),
-            GatewayFault(FaultNumber.VELOCITY, "speed contradicts the units of the drive", 0xFF19),
-            GatewayFault(FaultNumber.NOT_ACKNOWLEDGED, "setpoint not acknowledged", 0xFF1A, is_warning=True),
-            GatewayFault(FaultNumber.MOVES_UNASKED, "drive moves without a task", 0xFF1B, is_warning=True),
             GatewayFault(
-                FaultNumber.STALLED, "axis at standstill before the end of its motion", 0xFF1E, is_warning=True
+                _F.HOMING_METHOD,
+                "homing method not supported",
+                0xFF06,
+                _B.DRIVE,
+                "set a homing_method that the drive supports",
+                is_warning=True,
             ),
-            GatewayFault(FaultNumber.DSC_OUT_OF_DATE, "DSC stopped the axis: no new setpoint", 0xFF1F, is_warning=True),
-            GatewayFault(FaultNumber.NOT_ENTERED, "drive does not enter or leave operation as commanded", 0xFF1C),
             GatewayFault(
-                FaultNumber.TURNS_OFF, "drive reports power off and does not slow down", 0xFF1D, is_warning=True
+                _F.HOMING,
+                "homing error",
+                0xFF07,
+                _B.DRIVE,
+                "check the home switch and the homing speeds",
+                is_warning=True,
+            ),
+            GatewayFault(
+                _F.MODE_NOT_CONFIRMED,
+                "mode of operation not confirmed",
+                0xFF08,
+                _B.DRIVE,
+                "use a drive that supports the mode of operation of this telegram",
+                is_warning=True,
+            ),
+            GatewayFault(
+                _F.HOMING_PARAMETERS,
+                "drive rejected the homing parameters",
+                0xFF09,
+                _B.DRIVE,
+                "choose a homing_method and speeds that the drive accepts",
+                is_warning=True,
+            ),
+            GatewayFault(
+                _F.INTERNAL_LIMIT,
+                "internal limit of the drive reached",
+                0xFF0A,
+                _B.DRIVE,
+                "check limit switches and the drive's own limits",
+                is_warning=True,
+            ),
+            GatewayFault(
+                _F.POSITIONER, "positioner: task rejected or changed", 0xFF0B, _B.PLC, _POSITION, is_warning=True
+            ),
+            GatewayFault(_F.DSC_GAIN, "gain of DSC limited", 0xFF0C, _B.PLC, "lower KPC", is_warning=True),
+            GatewayFault(
+                _F.VELOCITY_DEVIATES,
+                "speed and position do not match exactly",
+                0xFF0D,
+                _B.DRIVE,
+                _UNITS,
+                is_warning=True,
+            ),
+            GatewayFault(
+                _F.PRESET, "preset of the encoder failed", 0xFF0F, _B.DRIVE, "see its manual", is_warning=True
+            ),
+            GatewayFault(
+                _F.SET_POINT, "drive rejected the data of a setpoint", 0xFF10, _B.DRIVE, _POSITION, is_warning=True
+            ),
+            GatewayFault(
+                _F.CONTROL_LOST,
+                "control by PLC removed in operation",
+                0xFF15,
+                _B.PLC,
+                "the PLC's program must keep STW1.10 = 1",
+                is_warning=True,
+            ),
+            GatewayFault(_F.NODE_ABSENT, "node does not answer", 0xFF11, _B.NODE, _SUPPLY),
+            GatewayFault(
+                _F.LEFT_OPERATION,
+                "drive acts without a command",
+                0xFF12,
+                _B.DRIVE,
+                "check safe torque off (STO), enable input and supply of the drive",
+            ),
+            GatewayFault(
+                _F.OTHER_MASTER, "another master on the bus", 0xFF13, _B.OTHER_MASTER, "switch the other master off"
+            ),
+            GatewayFault(
+                _F.SIGN_OF_LIFE,
+                "sign of life of the PLC lost",
+                0xFF14,
+                _B.PLC,
+                "check the PLC's program; count in the clock of the frames, or raise P925",
+            ),
+            GatewayFault(_F.STOP_IGNORED, "drive does not stop", 0xFF16, _B.DRIVE, _STOPS, severe=True),
+            GatewayFault(
+                _F.ENABLE_UNASKED,
+                "Enable Operation without a command of the PLC",
+                0xFF18,
+                _B.GATEWAY,
+                "report this with the flight recorder: the gateway's last guard has stopped the axis",
+                severe=True,
+            ),
+            GatewayFault(
+                _F.FRAME_CHANGED,
+                "frame of the PLC changed by P922",
+                0xFF17,
+                _B.PLC,
+                "give the PLC the layout that pdgw map prints",
+            ),
+            GatewayFault(
+                _F.VELOCITY, "speed contradicts the units of the drive", 0xFF19, _B.DRIVE, _UNITS, severe=True
+            ),
+            GatewayFault(
+                _F.NOT_ACKNOWLEDGED, "setpoint not acknowledged", 0xFF1A, _B.DRIVE, _POSITION, is_warning=True
+            ),
+            GatewayFault(
+                _F.MOVES_UNASKED, "drive moves without a task", 0xFF1B, _B.DRIVE, "send the next task", is_warning=True
+            ),
+            GatewayFault(
+                _F.STALLED,
+                "axis at standstill before the end of its motion",
+                0xFF1E,
+                _B.DRIVE,
+                "check brake, torque limit and mechanics",
+                is_warning=True,
+            ),
+            GatewayFault(
+                _F.DSC_OUT_OF_DATE, "DSC stopped the axis: no new setpoint", 0xFF1F, _B.PLC, _FRAMES, is_warning=True
+            ),
+            GatewayFault(
+                _F.NOT_ENTERED,
+                "drive does not enter or leave operation as commanded",
+                0xFF1C,
+                _B.DRIVE,
+                "check brake, the drive's own enables and 605Ch",
+            ),
+            GatewayFault(
+                _F.TURNS_OFF,
+                "drive reports power off and does not slow down",
+                0xFF1D,
+                _B.DRIVE,
+                "check what turns the shaft, brake and power stage",
+                is_warning=True,
             ),
         )
     }

@@ -39,7 +39,7 @@ from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
-from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
+from pdgw.ds301.node.node import Loss, NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
@@ -73,6 +73,11 @@ _DISCOVERY: Final = 200
 """Usual number of objects that are read of a device without a data sheet,"""
 _CONFIGURATION: Final = 100
 """and of accesses that configure a known device."""
+_MISSING: Final = 1.2
+"""A heartbeat is missing after this share of its period."""
+_TPDO: Final = "check the TPDOs of the device, and who writes its communication objects"
+_MASTER: Final = "switch the other master off, or have it leave this node alone"
+_DEVICE: Final = "check the device: its error behaviour 1029h, and the cause of its EMCY"
 _CHECKED: Final = "another tool wrote to its configuration"
 _NOT_STARTED: Final = "not started"
 SHORTEST_EMCY: Final = 3
@@ -143,6 +148,12 @@ class NodeClient(abc.ABC, Generic[S]):
         self._idle = False
         """The task waits for something to do, and has no access."""
         self._reconfigure = False
+        self.loss: Loss = Loss.OTHER
+        """What the last loss was."""
+        self._stopped = False
+        """Its owner has stopped it by NMT."""
+        self._emcy = ("", 0)
+        """Text and time of its last EMCY with an error."""
         self.unconfirmed = ""
         """Why the cyclic side must not use an online node: what the gateway relies on was written, or a job writes it now.
         Empty: it may."""
@@ -400,6 +411,11 @@ class NodeClient(abc.ABC, Generic[S]):
         self._booted.wait(nanoseconds)
         self._booted.clear()
 
+    def stop_node(self) -> None:
+        """NMT stop: the device does not do what its owner commands. The next bring-up starts it again."""
+        self._stopped = True
+        self._nmt(NmtCommand.STOP)
+
     def _nmt(self, command: NmtCommand) -> None:
         self.heartbeat.commanded()
         self.network.send(NMT, bytes((command, self.settings.node_id)))
@@ -437,7 +453,7 @@ class NodeClient(abc.ABC, Generic[S]):
         # answered, its state is unknown: a node that was in operation still gets its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         device_type = self.sdo.read_urgently(DEVICE_TYPE)
-        self._sending = False
+        self._sending = self._stopped = False
         self._booted.clear()  # a boot-up before this answer is the expected one
         self._set_status(NodeStatus.CONFIGURING, "checking identity")
         self._identify(device_type)
@@ -704,17 +720,41 @@ class NodeClient(abc.ABC, Generic[S]):
                 if self.status is _ONLINE and failure != (failure := str(error)):  # log it once until it changes
                     self._notify("status", f"object without PDO: {failure}")
 
+    def _left(self, now: int) -> str:
+        """Why the heartbeat shows another state than Operational."""
+        state = NmtState.text(self.heartbeat.state)
+        text, time = self._emcy
+        if self._stopped:
+            self.loss = Loss.OWN_STOP
+            return f"{state}: the gateway has stopped it (NMT)"
+        if command := self.heartbeat.foreign:
+            self.loss = Loss.OTHER_MASTER
+            return f"{state}: another master has sent NMT command {command:02X}h; {_MASTER}"
+        self.loss = Loss.LEFT
+        after = f" after {text}" if time and now - time < SECOND else ""
+        return f"{state}: it has left Operational by itself{after}; {_DEVICE}"
+
     def _lost(self, now: int) -> str:
         """Why an online node is lost; empty if it is not."""
+        self.loss = Loss.OTHER
         if self._booted.is_set():
             return f"node {self.settings.node_id} restarted"
         if self.sdo.doubles.proof:
             return str(self.sdo.two_devices())
-        if lost := self.heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots):
-            return lost
+        heartbeat, silence = self.heartbeat, now - self.received_ns
         overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
+        lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots)
+        if (overdue or lost) and heartbeat.expected and silence > self.settings.heartbeat_ms * _MISSING * MS:
+            self.loss = Loss.SILENT
+            return "silent: neither heartbeats nor TPDOs"
+        if lost:
+            return lost
+        if heartbeat.expected and heartbeat.state != NmtState.OPERATIONAL:
+            return self._left(now)
         if overdue:
-            return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
+            self.loss = Loss.TPDO
+            check = f" while its heartbeats arrive; {_TPDO}" if heartbeat.expected else ""
+            return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms{check}"
         if self._acyclic_failures >= ACYCLIC_FAILURES:
             return f"objects without PDO could not be read {ACYCLIC_FAILURES} times"
         if now > self._acyclic_until:
@@ -773,4 +813,6 @@ class NodeClient(abc.ABC, Generic[S]):
             return
         code = int.from_bytes(data[:2], "little")
         text = f"EMCY {code:04X}h {self._emcy_text(code)}"
+        if code:
+            self._emcy = text, now
         self.on_event(NodeEvent("emcy", text, code, data[2], data[3:], now))

@@ -35,6 +35,8 @@ class Heartbeat:
         """The NMT state in it."""
         self.stopped = False
         """It says Stopped."""
+        self.foreign = 0
+        """The last NMT command to the node, if another master sent it; else 0."""
         self.expected = False
         """The node reports without end; its silence is a loss."""
         self.by_requests = False
@@ -60,9 +62,11 @@ class Heartbeat:
         self.in_row = 0
         self._shortest = period_ms * MS * 6 // 10 if self.expected and not self.by_requests else 0
 
-    def commanded(self, _data: bytes = b"", _now: int = 0) -> None:
-        """An NMT command was sent: the node may show another state."""
+    def commanded(self, data: bytes = b"", _now: int = 0) -> None:
+        """An NMT command was sent: the node may show another state. ``data``: that of another master."""
         self._states.clear()
+        if not data or data[-1] in (0, self._node_id):
+            self.foreign = data[0] if data else 0
 
     def receive(self, data: bytes, now: int) -> bool:
         """A report has arrived; True for a boot-up message."""
@@ -98,6 +102,4 @@ class Heartbeat:
             runs = any(slot.time > self.time + limit // 2 for slot in tpdos)
             but = " while its TPDOs arrive; check the firmware of the device, and who writes 1017h" if runs else ""
             return f"no heartbeat for {limit // MS} ms{but}"
-        if self.state != NmtState.OPERATIONAL:
-            return f"the heartbeat of node {self._node_id} says {NmtState.text(self.state)}"
         return ""

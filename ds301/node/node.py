@@ -30,6 +30,17 @@ class NodeStatus(enum.Enum):
     """Answers, but is the wrong device or does not take the configuration; retried slowly."""
 
 
+class Loss(enum.Enum):
+    """What ended the operation of a node that was online."""
+
+    OTHER = "something that its text says"
+    OWN_STOP = "NMT stop by its owner"
+    OTHER_MASTER = "NMT command of another master"
+    LEFT = "it left Operational by itself"
+    SILENT = "nothing comes any more"
+    TPDO = "a TPDO is missing"
+
+
 @dataclass(frozen=True, slots=True)
 class NodeSettings:
     """Choices for one node; times in milliseconds."""

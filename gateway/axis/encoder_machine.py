@@ -13,7 +13,7 @@ from pdgw.durations import MS
 from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorChannel
 from pdgw.gateway.axis.settings import SensorSettings
-from pdgw.gateway.axis.supervision.drive_events import CANOPEN_FAULT, INTERNAL_FAULT, Acknowledgement, NodeWatch
+from pdgw.gateway.axis.supervision.drive_events import CANOPEN_FAULT, Acknowledgement, NodeWatch
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import (
     EncoderInput,
@@ -26,7 +26,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import DEVICE_WARNING, FaultNumber, Reason, warning_bits
+from pdgw.gateway.reasons import DEVICE_WARNING, INTERNAL_FAULT, FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import (
     EncoderControl,
     PresetRequest,

@@ -161,6 +161,12 @@ class Commanded:
             return Drive.QUICK_STOPPED
         return Drive.QUICK_STOPPING
 
+    def withdraw(self, now: int) -> None:
+        """Enable Operation is not commanded any more."""
+        self.enabling = False
+        self.late_until = 0 if self.enable.given else now + self.latency
+        self.enable.withdraw()
+
     def done(self, cell: Cell, column: PowerWish, seen: Drive | None, before: Phase, now: int) -> None:
         """The table has led from the phase ``before`` to a command for a drive that shows ``seen``."""
         phase, action = cell.phase, cell.action
@@ -173,14 +179,11 @@ class Commanded:
             self.shutdown_since = now
         enabling = cell.controlword == _ENABLING or (action is Action.PASS and column is _ENABLE)
         if enabling is not self.enabling:
-            self.enabling = enabling
-            self.late_until = 0
             if enabling:
+                self.enabling, self.late_until = True, 0
                 self.enable.command(now)
             else:
-                if not self.enable.given:
-                    self.late_until = now + self.latency
-                self.enable.withdraw()
+                self.withdraw(now)
         elif self.late_until and now >= self.late_until:
             self.late_until = 0
         if enabling and not self.enable.given:
@@ -225,12 +228,16 @@ class Interlock:
         self._steady = -1
         self._commanded.shown = None
 
-    def distrust(self) -> None:
+    def distrust(self, now: int) -> None:
         """Quick Stop replaced the last Controlword: stop until the drive shows that it is off, locked until an OFF."""
         self.phase = Phase.UNCONFIRMED
         self._steady = -1
-        self._commanded.enabling = False
+        self._commanded.withdraw(now)
         self._commanded.shown = None
+
+    def expects_operation(self, now: int) -> bool:
+        """Operation is commanded, or was so shortly ago that the drive may show it now for the first time."""
+        return self._commanded.enabling or now < self._commanded.late_until or self.phase is _PASS
 
     def step(
         self,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from typing import Final
 
@@ -14,6 +15,7 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, StatusBit, enables
+from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.demand_report import (
@@ -40,7 +42,7 @@ from pdgw.gateway.axis.settings import AxisSettings, Missing, SecondSensor, miss
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
-from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, Brake, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
@@ -68,6 +70,11 @@ _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _PASS: Final = Action.PASS
 _HOLD: Final = PowerWish.HOLD
 _HALT: Final = Limit.HALT
+_BRAKES: Final = {
+    Brake.NONE: "the gateway commands Quick Stop",
+    Brake.NMT_STOP: "the gateway has stopped the node (NMT)",
+    Brake.WITHHOLD_HEARTBEAT: "the gateway withholds its heartbeat",
+}
 _STOPS_WITHOUT_PLC: Final = {
     PowerWish.COAST: PowerWish.NO_PLC_COAST,
     PowerWish.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
@@ -136,6 +143,8 @@ class AxisMachine:
         self.in_fault = True
         """The drive is in fault, lost, or not known well enough. Beside this, ZSW1.3 shows faults that are not acknowledged."""
         self._window = 0
+        self._per_rpm: Fraction | None = None
+        """Velocity units of 1 rpm; None if unknown."""
         self._control_lost = False
         """The PLC removed its control in operation and has not returned it."""
 
@@ -180,7 +189,7 @@ class AxisMachine:
         if self.sensor is not None:
             self._step_sensors(self.sensor)
         self._write_report(known, flags, report)
-        self._supervise(known, commanded, reason)
+        self._supervise(known, commanded)
         self._write_notes(reason)
         return outputs
 
@@ -262,7 +271,7 @@ class AxisMachine:
         outputs.good = inputs.drive_ok
         outputs.released = self.interlock.released
 
-    def _supervise(self, known: bool, commanded: int, reason: Reason | None) -> None:
+    def _supervise(self, known: bool, commanded: int) -> None:
         """Speed and state of the drive, its stops in time, the end of a fault. ``commanded``: the Controlword that it has."""
         inputs, outputs, drive, cell = self.inputs, self.outputs, self._drive, self.interlock.cell
         feedback, command, action = inputs.feedback, outputs.command, cell.action
@@ -278,7 +287,7 @@ class AxisMachine:
                 outputs.found.append(found)
         shown = statusword & STATE_MASK if inputs.drive_ok else 0
         if shown != drive.shown:
-            drive.changed(self._node, shown, statusword, commanded, reason, inputs.now)
+            drive.changed(self._node, shown, statusword, commanded, self.interlock, inputs.now)
             if inputs.drive_ok:
                 outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             elif enables(commanded):
@@ -348,11 +357,13 @@ class AxisMachine:
     def _report_stop(self, limit: Limit) -> None:
         """The drive does not keep a limit: the next brake, and a fault."""
         if limit in QUICK_STOPS:
-            self.interlock.distrust()
+            self.interlock.distrust(self.inputs.now)
         number = FaultNumber.NOT_ENTERED if limit in (Limit.ENTER, Limit.DISABLE) else FaultNumber.STOP_IGNORED
-        feedback = self.inputs.feedback
-        detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
-        self.outputs.found.append((number, detail + f"speed {feedback.velocity_actual}"))
+        feedback, velocity = self.inputs.feedback, self.inputs.feedback.velocity_actual
+        speed = f"{float(velocity / self._per_rpm):g} rpm" if self._per_rpm else f"speed {velocity}"
+        after = f"{speed} after {(self.inputs.now - self._stop.began) / SECOND:.1f} s"
+        words = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h"
+        self.outputs.found.append((number, f"{after}, {_BRAKES[self._stop.brake]} ({words})"))
 
     def _stop_unasked(self, now: int) -> None:
         """The last line: an Enable Operation that the PLC did not ask for is not sent."""
@@ -360,7 +371,7 @@ class AxisMachine:
         detail = f"Controlword {command.controlword:04X}h, Statusword {self.inputs.feedback.statusword:04X}h"
         command.controlword = CONTROLWORDS[Action.QUICK_STOP]
         command.target_velocity = command.target_torque = 0
-        self.interlock.distrust()
+        self.interlock.distrust(now)
         self.outputs.fault(gateway_fault(FaultNumber.ENABLE_UNASKED, detail, now))
 
     def _without_control(self) -> None:
@@ -446,6 +457,7 @@ class AxisMachine:
         if refusal:
             self.outputs.found.append((FaultNumber.REFERENCE, refusal))
             return
+        self._per_rpm = drive.scaling.velocity_per_rpm
         speed = drive.scaling.reference(Quantity.SPEED)
         self._window = max(1, int(speed * self.settings.standstill_window))
         self._check.set_drive(drive.scaling, self._window)

@@ -14,12 +14,12 @@ from typing import Final
 
 from pdgw.gateway.axis.demand_report import OFF1S, OFFS, Flag, PowerWish
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit, Phase
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.reasons import INTERNAL_FAULT, FaultNumber, Reason
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row; ``phase`` None keeps the present phase; the user sees ``reason``."""
+    """One row; ``phase`` None keeps the present phase; the user sees ``reason``. ``fault``: number of a stop without an order."""
 
     phases: tuple[Phase, ...]
     drives: tuple[Drive, ...]
@@ -28,9 +28,10 @@ class Row:
     action: Action
     reason: Reason | None
     why: str
+    fault: int | None = None
 
 
-P, D, W, A = Phase, Drive, PowerWish, Action
+P, D, W, A, F = Phase, Drive, PowerWish, Action, FaultNumber
 ANY_PHASE: Final = tuple(Phase)
 ANY_DRIVE: Final = tuple(Drive)
 ANY_WISH: Final = tuple(PowerWish)
@@ -61,16 +62,34 @@ STOPPING: Final = (P.RAMP_STOP, P.SHUTDOWN, P.QUICK_STOP)
 RAMPING: Final = (P.RAMP_STOP, P.SHUTDOWN)
 
 ROWS: Final = (
-    Row(ANY_PHASE, (D.FAULT,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.DRIVE_FAULT, "the drive stops by itself"),
+    Row(
+        ANY_PHASE,
+        (D.FAULT,),
+        ANY_WISH,
+        P.LOCKED,
+        A.DISABLE_VOLTAGE,
+        Reason.DRIVE_FAULT,
+        "the drive stops by itself",
+        INTERNAL_FAULT,
+    ),
     # OFF2 has the highest priority, and stays until the drive reports power off.
     Row(ANY_PHASE, (D.LOST,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_OFFLINE, "OFF2 of a lost drive"),
     Row(ANY_PHASE, (D.UNKNOWN,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_UNKNOWN_STATE, "OFF2 in any case"),
     Row(ANY_PHASE, UNREAD, COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "OFF2 in any case"),
     Row(ANY_PHASE, OFF, COASTS, P.LOCKED, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2 of a drive that is off"),
     Row(ANY_PHASE, ANY_DRIVE, COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
-    Row((P.COAST,), (D.LOST,), ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.DRIVE_OFFLINE, "OFF2 stays"),
-    Row((P.COAST,), (D.UNKNOWN,), ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.DRIVE_UNKNOWN_STATE, "OFF2 stays"),
-    Row((P.COAST,), UNREAD, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "OFF2 stays"),
+    Row((P.COAST,), (D.LOST,), ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.DRIVE_OFFLINE, "OFF2 stays", F.NODE_LOST),
+    Row(
+        (P.COAST,),
+        (D.UNKNOWN,),
+        ANY_WISH,
+        None,
+        A.DISABLE_VOLTAGE,
+        Reason.DRIVE_UNKNOWN_STATE,
+        "OFF2 stays",
+        F.STATE_UNKNOWN,
+    ),
+    Row((P.COAST,), UNREAD, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "OFF2 stays", F.REFERENCE),
     Row(
         (P.COAST,),
         (*SHOWS_OPERATION, *QUICK_STOPS),
@@ -89,6 +108,7 @@ ROWS: Final = (
         A.QUICK_STOP,
         Reason.REFERENCE_INVALID,
         "the drive may be turning",
+        F.REFERENCE,
     ),
     Row(
         (P.UNCONFIRMED,),
@@ -98,9 +118,21 @@ ROWS: Final = (
         A.QUICK_STOP,
         Reason.REFERENCE_INVALID,
         "its state is still unknown",
+        F.REFERENCE,
     ),
-    Row(ANY_PHASE, (D.NO_REFERENCES,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
-    Row(ANY_PHASE, (D.LOST,), ANY_WISH, P.UNCONFIRMED, A.QUICK_STOP, Reason.DRIVE_OFFLINE, "the drive may be turning"),
+    Row(
+        ANY_PHASE, (D.NO_REFERENCES,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "", F.REFERENCE
+    ),
+    Row(
+        ANY_PHASE,
+        (D.LOST,),
+        ANY_WISH,
+        P.UNCONFIRMED,
+        A.QUICK_STOP,
+        Reason.DRIVE_OFFLINE,
+        "the drive may be turning",
+        F.NODE_LOST,
+    ),
     Row(
         ANY_PHASE,
         (D.UNKNOWN,),
@@ -109,6 +141,7 @@ ROWS: Final = (
         A.QUICK_STOP,
         Reason.DRIVE_UNKNOWN_STATE,
         "the drive may be turning",
+        F.STATE_UNKNOWN,
     ),
     # In any state, a drive without power accepts only an OFF.
     Row(
@@ -175,6 +208,7 @@ ROWS: Final = (
         A.QUICK_STOP,
         Reason.QUICK_STOP,
         "a quick stop is completed",
+        F.LEFT_OPERATION,
     ),
     Row(
         (P.UNCONFIRMED,),
@@ -184,6 +218,7 @@ ROWS: Final = (
         A.QUICK_STOP,
         Reason.NEEDS_OFF,
         "in operation without a command",
+        F.LEFT_OPERATION,
     ),
     Row(
         LOCKS,
@@ -193,8 +228,18 @@ ROWS: Final = (
         A.QUICK_STOP,
         Reason.QUICK_STOP,
         "in operation without a command",
+        F.LEFT_OPERATION,
     ),
-    Row(LOCKS, SHOWS_OPERATION, ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
+    Row(
+        LOCKS,
+        SHOWS_OPERATION,
+        ANY_WISH,
+        P.LOCKED,
+        A.DISABLE_VOLTAGE,
+        Reason.NEEDS_OFF,
+        "power off was commanded",
+        F.LEFT_OPERATION,
+    ),
     # The loss of the PLC, or of its control, in operation.
     Row(RUNNING, (D.OPERATING,), RAMPS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "as OFF1"),
     Row(RUNNING, (D.STANDING,), RAMPS, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "as OFF1 at standstill"),
@@ -232,15 +277,38 @@ ROWS: Final = (
         (P.FOLLOW,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "the PLC sends OFF anyway"
     ),
     Row((P.PASS,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.PASS, Reason.NOT_OPERATING, "the PLC sends OFF anyway"),
-    Row(RUNNING, (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
     Row(
-        RUNNING, (D.FELL_BACK,), ANY_WISH, P.UNCONFIRMED, A.QUICK_STOP, Reason.NEEDS_OFF, "the Statusword may be wrong"
+        RUNNING,
+        (D.FELL_OFF,),
+        ANY_WISH,
+        P.LOCKED,
+        A.DISABLE_VOLTAGE,
+        Reason.NEEDS_OFF,
+        "enable input, coast",
+        F.LEFT_OPERATION,
+    ),
+    Row(
+        RUNNING,
+        (D.FELL_BACK,),
+        ANY_WISH,
+        P.UNCONFIRMED,
+        A.QUICK_STOP,
+        Reason.NEEDS_OFF,
+        "the Statusword may be wrong",
+        F.LEFT_OPERATION,
     ),
     # OFF3 locks, whether the drive has received it or not.
     Row(RUNNING, SHOWS_OPERATION, OFF3S, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(RUNNING, UNPOWERED, OFF3S, P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(
-        RUNNING, QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "quick stop by the drive itself"
+        RUNNING,
+        QUICK_STOPS,
+        ANY_WISH,
+        P.QUICK_STOP,
+        A.QUICK_STOP,
+        Reason.QUICK_STOP,
+        "quick stop by the drive itself",
+        F.LEFT_OPERATION,
     ),
     # The Controlword of telegram 100.
     Row((P.PASS,), SHOWS_OPERATION, ANY_WISH, None, A.PASS, None, "the PLC's own Controlword"),
@@ -334,6 +402,7 @@ class Cell:
     ``operating``: operation is commanded, and shown as commanded. ``shown``: a Statusword that says Operation enabled is repeated
     to the PLC, also until Disable Operation has acted. ``visible``: the drive's own bits that are shown as they are; "no OFF2"
     and "no OFF3" are hidden while one is in force, whatever the drive says. ``limit``: when the drive must show another state.
+    ``fault``: whose consequence a stop is; None of one that the PLC requests.
     """
 
     row: int
@@ -345,6 +414,7 @@ class Cell:
     shown: bool
     visible: int
     limit: Limit
+    fault: int | None
 
 
 def _limit(drive: Drive, action: Action, wish: PowerWish) -> Limit:
@@ -377,7 +447,10 @@ def _compile() -> tuple[Cell, ...]:
                         shown = operating or (row.action in (A.SWITCH_ON, A.SHUTDOWN) and drive in SHOWS_OPERATION)
                         word = CONTROLWORDS[row.action]
                         visible, limit = _visible(after, wish), _limit(drive, row.action, wish)
-                        cells.append(Cell(number, after, row.action, word, reason, operating, shown, visible, limit))
+                        fault = row.fault or _FAULTS.get(wish)
+                        cells.append(
+                            Cell(number, after, row.action, word, reason, operating, shown, visible, limit, fault)
+                        )
                         break
                 else:
                     raise AssertionError(f"power table: no row for {phase.name}, {drive.name}, {wish.name}")
@@ -386,6 +459,8 @@ def _compile() -> tuple[Cell, ...]:
 
 _PLC_ASKED: Final = (Reason.NEEDS_OFF, Reason.RAMP_STOP, Reason.QUICK_STOP, Reason.COAST_STOP, Reason.NOT_OPERATING)
 """Reasons that mean the PLC's own doing; without one the reason is that it is lost."""
+_FAULTS: Final = dict.fromkeys(NO_PLC, F.PLC_LOST) | dict.fromkeys((W.STOP, W.HOLD), F.CONTROL_LOST)
+"""Stops by what the PLC lacks, and not by the drive."""
 DRIVES: Final = len(Drive)
 WISHES: Final = len(PowerWish)
 CELLS: Final = _compile()

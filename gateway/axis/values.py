@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Final, Protocol
 
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
@@ -191,6 +191,10 @@ def is_answer(item: News, outputs: Outputs) -> bool:
     return isinstance(item, ProbeAnswer) and item.wish is outputs.probe
 
 
+CANOPEN_ERRORS: Final = range(0x8100, 0x8300)
+"""Error codes 81xxh communication and 82xxh protocol error."""
+
+
 @dataclass(frozen=True, slots=True)
 class FaultRecord:
     """A fault as P945, P947 and P949 show it; ``time_ns`` is monotonic."""
@@ -206,6 +210,11 @@ class FaultRecord:
     def of_device(self) -> bool:
         """The drive or encoder reported it, not the gateway."""
         return self.number not in GATEWAY_FAULTS
+
+    @property
+    def is_explained(self) -> bool:
+        """The device says what it is. A bare Statusword or an error of the communication may be a consequence of a loss."""
+        return not self.text.startswith("Statusword") and self.code not in CANOPEN_ERRORS
 
 
 def gateway_fault(number: FaultNumber, detail: str, now: int) -> FaultRecord:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final
 
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR, NMT, NmtCommand
+from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
@@ -27,10 +27,13 @@ from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.enable_chain import EnableStatus, axis_enable_status
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
+from pdgw.gateway.objects.origins import Origin
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
+from pdgw.gateway.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
 from pdgw.gateway.store import ConfirmedUnits
 from pdgw.profidrive.frame import MONITORING_OFF
 from pdgw.profidrive.measuring import SensorFormat
+from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import telegram
 
 _OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0), CONTROLWORD, MODE}
@@ -87,6 +90,10 @@ class Axis(DriveObject):
         self._probing = False
         self.shows_supply = False
         """Statusword.4 is its supply: it was set without power. Many drives set it only with their power stage."""
+        self.shows_remote = False
+        """Statusword.9 was set: its 0 is local mode. Many drives never set it."""
+        self._released = False
+        """The drive followed the PLC in the last step."""
         self._sound_until = 0
         """When it was not in fault last."""
 
@@ -163,7 +170,25 @@ class Axis(DriveObject):
             self._serve(outputs)
             if events is not None and events.read_fault:
                 drive.submit(self._read_fault)
+        released, origins = outputs.released, self.origins
+        if released:
+            if origins.present is not None:
+                origins.released(now)
+        elif self._released:
+            origins.stopped(self._origin(now))
+        self._released = released
         return outputs
+
+    def _origin(self, now: int) -> Origin:
+        """That of the stop of this step, if no fault of it is reported."""
+        if self.gateway_stops:
+            return Origin(By.GATEWAY, Reason.GATEWAY_STOPS.value, Reason.NEEDS_OFF.remedy, now)
+        cell = self.machine.interlock.cell
+        finding = self.link_finding() if cell.fault == FaultNumber.PLC_LOST else None
+        if finding is not None:
+            return Origin(By.PLC, finding.evidence, finding.remedy, now, FaultNumber.PLC_LOST, now, 1)
+        detail = self.drive.unconfirmed if cell.fault == FaultNumber.NODE_LOST else ""
+        return Origin.of_stop(cell.fault, cell.reason, detail, now)
 
     def transmit(self, now: int) -> None:
         outputs, guarding = self.machine.outputs, self.drive.guarding
@@ -177,7 +202,7 @@ class Axis(DriveObject):
             by_sync = outputs.brake is _WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync
             self.network.withhold_sync(self.node_id, withheld=by_sync)
             if outputs.brake is not _NO_BRAKE:
-                self.network.send(NMT, bytes((NmtCommand.STOP, self.node_id)))
+                self.drive.stop_node()
 
     def _read_fault(self, drive: DriveClient) -> None:
         own = drive.drive_type.quirks.fault_number if drive.drive_type is not None else None
@@ -199,6 +224,22 @@ class Axis(DriveObject):
         )
 
     @property
+    def turns(self) -> bool:
+        """Its shaft is known to turn: faster than the standstill window."""
+        return self.good and self.machine.usable and not self.machine.inputs.standstill
+
+    @property
+    def speed_setpoint_rpm(self) -> float | None:
+        """The speed setpoint of the PLC; None without one, or while 100 % of the drive is unknown."""
+        drive_type = self.drive.drive_type
+        rated = drive_type.scaling.rated_speed_rpm if drive_type is not None else None
+        for item, raw in zip(self.telegram.setpoints.signals, self.machine.inputs.setpoints or (), strict=False):
+            percent = item.percent(raw) if item.quantity is SignalQuantity.SPEED else None
+            if percent is not None and rated is not None:
+                return percent * float(rated) / 100
+        return None
+
+    @property
     def enable_status(self) -> EnableStatus:
         return axis_enable_status(self)
 
@@ -206,12 +247,19 @@ class Axis(DriveObject):
         shown = self.drive.feedback.statusword
         if outputs.good and shown & StatusBit.VOLTAGE_ENABLED and state_of(shown) not in POWERED:
             self.shows_supply = True
+        self.shows_remote |= outputs.good and shown & StatusBit.REMOTE != 0
         super()._serve(outputs)
 
     @property
     def cause(self) -> ReportedFault | None:
-        in_fault = state_of(self.drive.feedback.statusword) in FAULTY
-        return self.fault_log.cause(self.machine.fault_began - EMERGENCY_PATIENCE_NS if in_fault else 0)
+        origin = super().cause
+        if state_of(self.drive.feedback.statusword) not in FAULTY:
+            return origin
+        own = self.fault_log.of_device(self.machine.fault_began - EMERGENCY_PATIENCE_NS)
+        present = self.origins.present
+        if present is not None and present.number in GATEWAY_FAULTS:
+            return own if own is not None and own.record.is_explained else origin
+        return own
 
     @property
     def withholds_heartbeat(self) -> bool:

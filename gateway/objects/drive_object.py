@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, NMT, PRODUCER_HEARTBEAT, NmtCommand
 from pdgw.ds301.node.client import NodeClient
-from pdgw.ds301.node.node import NodeEvent, NodeStatus
+from pdgw.ds301.node.node import Loss, NodeEvent, NodeStatus
 from pdgw.gateway.axis.values import (
     Events,
     FaultRecord,
@@ -35,7 +35,8 @@ from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.enable_chain import EnableStatus, untimed
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
-from pdgw.gateway.reasons import FaultNumber, Finding, Reason
+from pdgw.gateway.objects.origins import Origins
+from pdgw.gateway.reasons import By, FaultNumber, Finding, Reason
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -58,6 +59,9 @@ _NOTICE_OF_STATUS = {
 }
 
 
+_BY_LOSS = {Loss.OWN_STOP: By.GATEWAY, Loss.OTHER_MASTER: By.OTHER_MASTER}
+
+
 class DriveObject(abc.ABC):
     """A drive object with a node, which may have several drive objects."""
 
@@ -75,6 +79,7 @@ class DriveObject(abc.ABC):
         self.stops = False
         """The last step stops the device: ``transmit`` it before what moves others."""
         self.fault_log = FaultLog(network.loop.now())
+        self.origins = Origins(network.loop.now())
         self.last_setpoints: Sequence[int] | None = None
         """The last setpoints of the PLC, also after its loss."""
         self.link_finding: Callable[[], Finding | None] = lambda: None
@@ -201,8 +206,9 @@ class DriveObject(abc.ABC):
 
     @property
     def cause(self) -> ReportedFault | None:
-        """The fault to name first, None when all are acknowledged."""
-        return self.fault_log.cause()
+        """The fault to name first, None when all are acknowledged: the origin, else the oldest."""
+        origin = self.origins.present
+        return self.fault_log.cause(0 if origin is None else origin.number)
 
     # -- around the machine's step ----------------------------------------------------------------------------------------
 
@@ -255,6 +261,7 @@ class DriveObject(abc.ABC):
             log.info("%s: %s", self.label, text, extra={"event": "node", "do": self.do_id})
         if events.acknowledged:
             self.fault_log.acknowledge()
+            self.origins.acknowledged()
 
     def _happened(self, text: str, *, stops: bool = False) -> None:
         self.happenings.append(Happening(self.network.loop.now(), self.do_id, self.label, text, stops))
@@ -288,6 +295,7 @@ class DriveObject(abc.ABC):
 
     def _record(self, record: FaultRecord) -> None:
         self.fault_log.enter(record)
+        self.origins.enter(record, _BY_LOSS.get(self.client.loss) if record.number == FaultNumber.NODE_LOST else None)
         kind = "warning" if record.is_warning else "fault"
         self._happened(f"{kind} {record.number}: {record.text}", stops=not record.is_warning)
         log.log(
@@ -307,4 +315,5 @@ class DriveObject(abc.ABC):
             notice = _NOTICE_OF_STATUS.get(self.client.status, Notice.PROGRESS)
             if notice is Notice.LOST and self.client.bus_failed:
                 notice = Notice.BUS_LOST
-        self._news.append(NodeNotice(notice, event.text, event.time_ns, event.code, event.register, event.data))
+        text = self.client.status_text if notice in (Notice.LOST, Notice.BUS_LOST) else event.text
+        self._news.append(NodeNotice(notice, text, event.time_ns, event.code, event.register, event.data))

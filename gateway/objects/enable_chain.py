@@ -11,19 +11,19 @@ import re
 from datetime import datetime
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from pdgw.ds301.emcy import emcy_remedy
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
 from pdgw.gateway.axis.adapters.speed_words import DEVICE_BITS, SpeedAdapter
-from pdgw.gateway.axis.demand_report import PowerWish
+from pdgw.gateway.axis.demand_report import PowerWish, SpeedDemand, SpeedWish
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.objects.bit_effects import Missing
+from pdgw.gateway.objects.origins import Origin
 from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
 from pdgw.profidrive.encoder import ENCODER_ACKNOWLEDGE, SENSOR_ACKNOWLEDGE, SENSOR_ERROR_TEXTS, SensorState
 from pdgw.profidrive.signal_text import value_text
@@ -186,12 +186,16 @@ class _Chain:
             return True
         node = f"node {self.item.node_id}"
         text, _, remedy = (client.refusal or client.status_text).partition("; ")
+        origin = self.item.origins.present
         match client.status:
             case NodeStatus.REFUSED | NodeStatus.CONFIGURING if client.refusal:
                 self.breaks(Reason.NODE_REFUSED, f"{node} is rejected: {text}", remedy)
             case NodeStatus.CONFIGURING:
-                progress = client.progress and f": {client.progress}"
-                self.breaks(Reason.NODE_CONFIGURING, f"{node} is being configured{progress}")
+                progress = f"{node} is being configured{client.progress and f': {client.progress}'}"
+                if origin is not None and origin.number:
+                    self.breaks(Reason.NODE_CONFIGURING, f"{progress}, after: {self.since(origin)}", origin.remedy)
+                else:
+                    self.breaks(Reason.NODE_CONFIGURING, progress)
             case NodeStatus.ONLINE | NodeStatus.LOST if client.unconfirmed:
                 self.breaks(Reason.NODE_WRITTEN, f"{node} is being checked: {client.unconfirmed}")
             case NodeStatus.ONLINE:
@@ -202,25 +206,40 @@ class _Chain:
                 there = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
                 self.breaks(offline, f"{node} on bus {network.name}: {text}; {there}", _WRONG_NODE_ID)
             case _:
+                again = origin is not None and origin.number == FaultNumber.NODE_LOST and origin.count > 1
+                text = self.since(origin) if origin is not None and again else text
                 self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
         return False
 
     def check_fault(self, reason: Reason, acknowledge: str, what: str = "") -> None:
-        """Name the device's own fault, as far as it is known.
+        """Name the fault of the device, or what it follows from, as far as it is known.
 
         ``acknowledge``: what remains to be done after its cause. ``what``: the error that it is to the PLC.
         """
         cause = self.item.cause
-        if cause is None or not (cause.record.of_device or reason is Reason.ENCODER_FAULT):
+        if cause is None or not (cause.record.of_device or reason is not Reason.SENSOR_ERROR):
             self.breaks(reason, what, f"remove the cause; {acknowledge}")
             return
-        evidence = self.since(cause.record)
-        remedy = f"{emcy_remedy(cause.record.code)}; {acknowledge}"
-        self.breaks(reason, f"{what}: {evidence}" if what else evidence, remedy)
+        origin = Origin.of(cause.record)
+        evidence = self.since(origin)
+        self.breaks(reason, f"{what}: {evidence}" if what else evidence, f"{origin.remedy}; {acknowledge}")
 
-    def since(self, record: FaultRecord) -> str:
-        """The text of a fault, and since when."""
-        return f"{record.text}, since {self.clock(record.time_ns)}"
+    def check_severe(self, acknowledge: str) -> None:
+        """A severe fault comes before everything else until it is acknowledged, after what it follows from."""
+        origin, severe = self.item.origins.present, self.item.origins.severe
+        if severe is None:
+            return
+        follows = origin is not None and origin.number not in (0, severe.number) and origin.first_ns <= severe.first_ns
+        text = (
+            f"{self.since(origin)}; then: {severe.evidence}" if origin is not None and follows else self.since(severe)
+        )
+        self.breaks(Reason.SEVERE_FAULT, text, f"{severe.remedy}; {acknowledge}")
+        self._links = {Enable.NO_FAULT: self._links.pop(Enable.NO_FAULT)} | self._links
+
+    def since(self, origin: Origin) -> str:
+        """The text of an origin, since when, and how often."""
+        times = f" ({origin.count} times)" if origin.count > 1 else ""
+        return f"{origin.evidence}, since {self.clock(origin.first_ns)}{times}"
 
     def clock(self, time_ns: int) -> str:
         """The time of day of a monotonic time."""
@@ -241,7 +260,7 @@ class _Chain:
         elif connected:
             self.passes(Enable.PLC)
         elif lost and (record := self.newest(FaultNumber.PLC_LOST)):
-            self.breaks(Reason.PLC_LOST, self.since(record))
+            self.breaks(Reason.PLC_LOST, self.since(Origin.of(record)))
         else:
             self.breaks(Reason.PLC_LOST if lost else never)
         return connected and not self.item.gateway_stops
@@ -251,11 +270,13 @@ class _Chain:
         if reason is not None and all(link.ok is not False for link in self._links.values()):
             self.breaks(reason)
 
-    def enable_status(self, *, stops: bool = False) -> EnableStatus:
+    def enable_status(self, instead: AxisState | None = None) -> EnableStatus:
+        """``instead``: of a shaft that turns or has power; a fault stays one."""
         chain = tuple(self._links.values())
         broken = next((link.reason for link in chain if link.reason is not None), None)
-        state = AxisState.OBEYS if broken is None else broken.state
-        return EnableStatus(AxisState.STOPPING if stops and state is not AxisState.FAULT else state, chain)
+        if broken is None:
+            return EnableStatus(AxisState.OBEYS, chain)
+        return EnableStatus(broken.state if instead is None or broken.state is AxisState.FAULT else instead, chain)
 
 
 def axis_enable_status(axis: Axis) -> EnableStatus:
@@ -280,7 +301,13 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
             chain.passes(Enable.CONTROL)
             _check_command(chain, axis)
     chain.keep(reason)
-    return chain.enable_status(stops=axis.good and axis.powered and not axis.released)
+    if not machine.units_contradicted:
+        chain.check_severe(_acknowledge(axis))
+    if axis.released and axis.powered and axis.turns:
+        return chain.enable_status(AxisState.OBEYS)
+    return chain.enable_status(
+        AxisState.STOPPING if axis.turns or axis.good and axis.powered and not axis.released else None
+    )
 
 
 def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
@@ -303,12 +330,15 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.passes(Enable.SUPPLY)
     elif axis.shows_supply or commanded:
         chain.breaks(Reason.NO_SUPPLY)
-    if reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.INHIBITED, Reason.NOT_LEFT):
+    if axis.shows_remote and not statusword & StatusBit.REMOTE:
+        chain.breaks(Reason.LOCAL_TURNS if axis.turns else Reason.LOCAL_MODE)
+    elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.INHIBITED, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
         chain.passes(Enable.OPERATION)
     elif commanded and state is not None and demand.power is not PowerWish.ON:
-        chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}")
+        local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
+        chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}{local}")
 
 
 def _check_command(chain: _Chain, axis: Axis) -> None:
@@ -319,20 +349,27 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
     if missing is None and asked not in _ASKS:
         missing = _PHASES.get(phase, Reason.SWITCHED_OFF)
     if missing is None and not axis.released:
-        missing = _PHASES.get(phase, Reason.NEEDS_OFF)
+        _check_latch(chain, axis)
+        return
     name, word = _control_word(axis)
     held = Missing.of(name, word, *_ENABLES).set_to(0) if missing in _HELD and word & 1 else ""
     if held and not axis.powered:
         chain.breaks(Reason.HELD_OFF, f"the PLC sends ON (STW1.0 = 1) and keeps the drive off: {held}")
         return
     if missing is not None:
-        # What used ON up, if that is not acknowledged.
-        cause = axis.cause if missing is Reason.NEEDS_OFF else None
-        chain.breaks(missing, "" if cause is None else f"{missing.value}, because of {chain.since(cause.record)}")
+        cause = axis.cause if missing is Reason.SWITCHED_OFF else None
+        if cause is None:
+            chain.breaks(missing)
+        else:
+            origin = Origin.of(cause.record)
+            text = f"not acknowledged: {chain.since(origin)}"
+            chain.breaks(missing, text, f"{origin.remedy}; {_acknowledge(axis)}")
         return
     chain.passes(Enable.ON_EDGE)
     if reason in _AT_LIMIT:
         chain.breaks(reason, *_limit_texts(axis, reason))
+    elif reason is Reason.SETPOINT_DISABLED and isinstance(machine.demand, SpeedDemand) and _is_frozen(machine.demand):
+        chain.breaks(reason, *_frozen_texts(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason, *_order_texts(chain, axis, reason))
     elif reason is None:
@@ -361,6 +398,30 @@ def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
         text = "{}: {} to {} LU".format(text, *positioner.software_limits)
     others = _bits(executor.ignored & ~bits, " = 1")
     return f"{text}; without effect: {others}" if others else text, remedy
+
+
+def _check_latch(chain: _Chain, axis: Axis) -> None:
+    """ON is there and was used up: what began the stop."""
+    origin = axis.origins.present
+    if origin is None:
+        chain.breaks(Reason.NEEDS_OFF)
+        return
+    then = "; then OFF and ON" if origin.number and "OFF and ON" not in origin.remedy else ""
+    chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", f"{origin.remedy}{then}")
+
+
+def _is_frozen(demand: SpeedDemand) -> bool:
+    return demand.speed_wish is SpeedWish.FREEZE
+
+
+def _frozen_texts(axis: Axis) -> tuple[str, str]:
+    """Evidence and remedy of a ramp that STW1.5 = 0 has stopped."""
+    drive_type, target = axis.drive.drive_type, axis.machine.outputs.command.target_velocity
+    per_rpm = drive_type.scaling.velocity_per_rpm if drive_type is not None else None
+    held = f"{float(target / per_rpm):g} rpm" if per_rpm else f"60FFh = {target}"
+    setpoint = axis.speed_setpoint_rpm
+    ignored = "" if setpoint is None else f", setpoint {setpoint:.4g} rpm not followed"
+    return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}", "the PLC's program must set STW1.5 = 1"
 
 
 def _limit_texts(axis: Axis, reason: Reason) -> tuple[str, str]:

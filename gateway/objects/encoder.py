@@ -26,6 +26,7 @@ from pdgw.gateway.axis.values import Outputs, SdoWrite
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.enable_chain import EnableStatus, encoder_enable_status
+from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.profidrive.frame import MONITORING_OFF
 from pdgw.profidrive.measuring import SensorFormat
 from pdgw.profidrive.telegrams import telegram
@@ -170,6 +171,11 @@ class EncoderObject(DriveObject):
         per_turn = parameters.units_per_turn
         turns = max(1, parameters.total_range // per_turn) if per_turn else 1
         return SensorFormat(per_turn, turns, is_64_bit=is_64_bit, is_static=False)
+
+    @property
+    def cause(self) -> ReportedFault | None:
+        """What the encoder itself reports, else the oldest fault."""
+        return self.fault_log.of_device(0) or super().cause
 
     @property
     def powered(self) -> bool:

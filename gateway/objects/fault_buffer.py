@@ -12,7 +12,7 @@ from typing import NamedTuple
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.durations import MS
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.reasons import EMCY_WARNING, GATEWAY_FAULTS, FaultNumber
+from pdgw.gateway.reasons import EMCY_WARNING, GATEWAY_FAULTS
 from pdgw.profidrive.parameters.catalogue import NAME_SIZE
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
@@ -39,10 +39,6 @@ def _warning_mask(record: FaultRecord) -> int:
 
 def _key(record: FaultRecord) -> tuple[int, int]:
     return record.number, record.code
-
-
-def _rank(record: FaultRecord, since: int) -> tuple[bool, bool, bool]:
-    return record.number == FaultNumber.PLC_LOST, not record.of_device, record.time_ns < since
 
 
 class FaultLog:
@@ -107,13 +103,16 @@ class FaultLog:
         """All 64 places, empty ones as zeros."""
         return [self.buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
 
-    def cause(self, since: int = 0) -> ReportedFault | None:
-        """The most important fault: the oldest unacknowledged one.
+    def cause(self, number: int = 0) -> ReportedFault | None:
+        """The oldest unacknowledged fault with this number, else the oldest one."""
+        found = list(self._active.values())
+        return next((item for item in found if item.record.number == number), found[0] if found else None)
 
-        Faults that the device reported since ``since`` (monotonic ns) come first, the loss of the PLC last, because it is a
-        consequence.
-        """
-        return min(self._unacknowledged(), key=lambda reported: _rank(reported.record, since), default=None)
+    def of_device(self, since: int) -> ReportedFault | None:
+        """The first fault of the device itself from ``since`` (monotonic ns) on that is not acknowledged."""
+        return next(
+            (item for item in self._unacknowledged() if item.record.of_device and item.record.time_ns >= since), None
+        )
 
     def fault_code(self, since: int) -> int:
         """The first fault from ``since`` (monotonic ns) on that is not acknowledged, else the newest; 0 for none."""

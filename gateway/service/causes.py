@@ -31,10 +31,14 @@ def causes(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     for item in items:
         if (text := together.get(item["do_id"])) is not None:
             groups.setdefault(text, []).append(item | {"reason": text, "remedy": _SHARED})
-        elif item["state_id"] not in _FINE:
+        elif item["state_id"] not in _FINE or (item["reason_id"] and (_obeys(item) or item["cause"] is not None)):
             groups.setdefault(_key(item), []).append(item)
     found = [_cause(members) for members in groups.values()]
     return sorted(found, key=lambda cause: (_ORDER.index(cause["state_id"]), -len(cause["objects"])))
+
+
+def _obeys(item: dict[str, Any]) -> bool:
+    return bool(item["state_id"] == AxisState.OBEYS.name)
 
 
 def _lost_together(items: Sequence[dict[str, Any]]) -> dict[int, str]:

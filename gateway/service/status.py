@@ -68,6 +68,22 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
     }
 
 
+def _origin(item: DriveObject) -> dict[str, Any] | None:
+    """What began the stop of a drive object; None while it follows the PLC."""
+    loop, origin = item.client.loop, item.origins.present
+    if origin is None:
+        return None
+    return {
+        "by": origin.by.value,
+        "number": int(origin.number),
+        "text": origin.evidence,
+        "remedy": origin.remedy,
+        "count": origin.count,
+        "first": clock_time(loop.wall() - (loop.now() - origin.first_ns) / SECOND),
+        "last": clock_time(loop.wall() - (loop.now() - (origin.last_ns or origin.first_ns)) / SECOND),
+    }
+
+
 def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
     """The common status of axes and encoders."""
     enable_status, cause = item.enable_status, item.cause
@@ -111,6 +127,7 @@ def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
         "heard_age_ms": round((item.client.loop.now() - received_ns) / MS, 1) if received_ns else None,
         "saturations": item.outputs.saturations,
         "cause": None if cause is None else _fault(item, cause),
+        "origin": _origin(item),
         "faults": fault_status(item, 1),
         "warning": device_warning(item),
         "fault_count": len(item.faults),
@@ -152,8 +169,10 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         "speed_rpm": round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None,
         "position": position,
     }
+    setpoint_rpm = axis.speed_setpoint_rpm
     return (
         _object_status(axis)
+        | {"speed_setpoint_rpm": None if setpoint_rpm is None else round(setpoint_rpm, 3)}
         | _present(axis, values)
         | {
             "drive_state": state.value if state and axis.good else "unknown",

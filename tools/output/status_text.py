@@ -191,7 +191,9 @@ def _values(values: dict[str, Any], item: dict[str, Any]) -> list[str]:
     """Speed and position, as far as they are known."""
     parts = []
     if values.get("speed_rpm") is not None:
-        parts.append(f"{values['speed_rpm']:g} rpm")
+        setpoint = values.get("speed_setpoint_rpm")
+        of = "" if setpoint is None else f" of {setpoint:.5g}"
+        parts.append(f"{values['speed_rpm']:g}{of} rpm")
     elif values.get("speed") is not None:
         parts.append(f"{values['speed']:g} {item['speed_unit']}")
     if values["position"] is not None:

@@ -15,9 +15,10 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
-from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
-from pdgw.gateway.reasons import EMCY_WARNING, FaultNumber, Reason
+from pdgw.gateway.axis.values import CANOPEN_ERRORS, FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
+from pdgw.gateway.reasons import EMCY_WARNING, INTERNAL_FAULT, FaultNumber
 
 K = TypeVar("K")
 SAME_EVENT_NS: Final = SECOND
@@ -29,11 +30,8 @@ EMERGENCY_PATIENCE_NS: Final = 200 * MS
 """Longest time between an EMCY and the Statusword that shows its fault, in either order."""
 EMERGENCIES_KEPT: Final = 64
 """Number of different EMCY that are distinguished at a time."""
-INTERNAL_FAULT: Final = 10
 CANOPEN_FAULT: Final = 12
-"""Numbers of the manufacturer's table for faults without their own number."""
-_CANOPEN_ERRORS: Final = range(0x8100, 0x8300)
-"""EMCY classes 81xxh communication and 82xxh protocol error."""
+"""Number of the manufacturer's table for faults of the communication without their own number."""
 _CLASS: Final = 0xFF00
 _STAGE_TEMPERATURE: Final = 0x4200
 _MOTOR_TEMPERATURE: Final = 0x4300
@@ -51,7 +49,13 @@ _FAULTS: Final = {
 }
 """Notices that are a fault each time."""
 _RESTARTING: Final = (Notice.BOOT, Notice.LOST, Notice.BUS_LOST)
-_DISABLED: Final = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
+_LOCAL: Final = "switch off what enables the drive: its panel, another tool, or enable at power-on"
+_BELOW: Final = (
+    State.NOT_READY_TO_SWITCH_ON,
+    State.SWITCH_ON_DISABLED,
+    State.READY_TO_SWITCH_ON,
+    State.SWITCHED_ON,
+)
 _PROOF: Final = (*FAULTY, None)
 """A drive that shows one of these has a fault; None: no state of CiA 402."""
 _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
@@ -202,7 +206,7 @@ class NodeWatch:
             if code not in self._warnings:
                 self.last_fault = now
             return
-        number, text = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT, notice.text
+        number, text = CANOPEN_FAULT if code in CANOPEN_ERRORS else INTERNAL_FAULT, notice.text
         fault = self.fault_of_emcy.get(code)
         if fault is not None:
             number, text = fault.number, f"EMCY {code:04X}h {fault.name}"
@@ -297,7 +301,7 @@ class DriveWatch:
         self._repetitions.clear()
 
     def changed(
-        self, node: NodeWatch, shown: int, statusword: int, commanded: int, reason: Reason | None, now: int
+        self, node: NodeWatch, shown: int, statusword: int, commanded: int, interlock: Interlock, now: int
     ) -> None:
         """``shown``: the bits of the state, ``commanded``: the Controlword that the drive had."""
         state, previous = STATE_OF_STATUS[shown], STATE_OF_STATUS[self.shown]
@@ -308,11 +312,13 @@ class DriveWatch:
         if state is None and previous is not None:
             self._report_once(FaultNumber.STATE_UNKNOWN, f"Statusword {statusword:04X}h", now)
         elif previous is State.OPERATION_ENABLED and commanded & _COMMAND == _COMMAND:
-            if state in _DISABLED and reason is Reason.NEEDS_OFF:
-                self._report_once(FaultNumber.LEFT_OPERATION, f"{state.value}, without a command of the gateway", now)
-                begins = True
+            if state is not None and interlock.cell.fault is FaultNumber.LEFT_OPERATION:
+                self._report_once(FaultNumber.LEFT_OPERATION, f"left operation, shows {state.value}", now)
+                begins = state is not State.QUICK_STOP_ACTIVE
             elif not shown:
                 begins = True
+        elif state is State.OPERATION_ENABLED and previous in _BELOW and not interlock.expects_operation(now):
+            self._report_once(FaultNumber.LEFT_OPERATION, f"entered operation; {_LOCAL}", now)
         if begins:
             self.fault_since = now
             node.prove(now - EMERGENCY_PATIENCE_NS)

@@ -27,7 +27,7 @@ from pdgw.gateway.axis.power_table import (
     cell,
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.reasons import GATEWAY_FAULTS, INTERNAL_FAULT, Reason
 
 FOLLOWS = {Phase.FOLLOW, Phase.PASS}
 POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}
@@ -326,6 +326,20 @@ def test_without_an_off_no_sequence_of_events_leads_back_to_operation() -> None:
             break
         reached = further
     assert not reached & FOLLOWS
+
+
+ORDERED = set(OFFS) | set(COASTS) - set(NO_PLC) | set(DISABLES) | {PowerWish.QUICK_STOP}
+"""Wishes with which the PLC itself stops the drive."""
+
+
+def test_each_stop_that_no_plc_orders_has_the_number_of_its_fault() -> None:
+    for phase, drive, wish in EVERYTHING:
+        item = cell(phase, drive, wish)
+        stops = phase in FOLLOWS and item.phase not in {*FOLLOWS, Phase.INHIBITED}
+        unasked = phase not in FOLLOWS and drive in SHOWS_OPERATION and "without a command" in ROWS[item.row].why
+        if stops and wish not in ORDERED or unasked and wish not in NO_PLC:
+            assert item.fault, (phase.name, drive.name, wish.name)
+            assert item.fault == INTERNAL_FAULT or item.fault in GATEWAY_FAULTS
 
 
 # -- the interlock runs the table --------------------------------------------------------------------------------------

@@ -235,7 +235,7 @@ def test_the_log_has_each_reason_fault_and_message_of_the_node_once(
         ("INFO", "reason"),
     ]
     assert told[first + 1][2] == "axis 7: node operational, configuration 1"
-    assert told[first + 3][2].startswith(f"axis 7: Waits: {Reason.INTERNAL_LIMIT.value}. Check limit switches")
+    assert told[first + 3][2].startswith(f"axis 7: In operation: {Reason.INTERNAL_LIMIT.value}. Check limit switches")
     assert "fault 122" in told[first + 4][2]
 
 

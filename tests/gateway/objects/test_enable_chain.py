@@ -102,9 +102,9 @@ def test_repeated_losses_are_named_until_the_axis_operates_again() -> None:
 CAUSES = {
     Enable.BUS: "fault 102: CAN bus-off or CAN interface lost",
     Enable.NODE: "Not on the bus: node 1 on bus can sends no data in time",
-    Enable.SUPPLY: "fault 122: drive left operation without a command",
+    Enable.SUPPLY: "fault 122: drive acts without a command: left operation, shows Switch On Disabled",
     Enable.NO_FAULT: "fault 7: EMCY 2310h over-current",
-    Enable.OPERATION: "fault 122: drive left operation without a command",
+    Enable.OPERATION: "fault 122: drive acts without a command: left operation, shows Ready to Switch On",
     Enable.PLC: "fault 103: PLC lost: no valid frame for 15 cycles",
     Enable.CONTROL: "warning 120: control by PLC removed in operation",
     Enable.ON_EDGE: "Stopping: OFF1 ramp in progress",

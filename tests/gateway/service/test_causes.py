@@ -105,7 +105,7 @@ def test_texts_that_differ_in_more_than_the_own_node_are_all_kept() -> None:
 
 
 def test_objects_in_operation_or_off_as_asked_have_no_cause() -> None:
-    fine = status(1, Reason.NO_PLC) | {"state_id": AxisState.OBEYS.name}
+    fine = status(1, Reason.NO_PLC) | {"state_id": AxisState.OBEYS.name, "reason_id": ""}
     assert causes([fine, status(2, Reason.SWITCHED_OFF)]) == []
 
 

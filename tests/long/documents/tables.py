@@ -35,7 +35,7 @@ from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
 from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
 from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
-from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
+from pdgw.gateway.reasons import GATEWAY_FAULTS, GatewayFault, Reason
 from pdgw.peers.drive.model.shapes import SHAPES
 from pdgw.peers.drive.objects import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS, OBJECTS
 from pdgw.profidrive.datatypes import UNVERIFIED, DataType
@@ -313,11 +313,8 @@ def generate() -> str:
         ),
         "## Fault numbers of the gateway (P947)\n",
         table(
-            ("number", "fault", "P945", "kind"),
-            (
-                (f.number, f.name, f"{f.code:04X}h", "warning" if f.is_warning else "fault")
-                for f in GATEWAY_FAULTS.values()
-            ),
+            ("number", "fault", "P945", "kind", "by", "remedy"),
+            ((f.number, f.name, f"{f.code:04X}h", _kind(f), f.by.value, f.remedy) for f in GATEWAY_FAULTS.values()),
         ),
         "## Message classes of the diagnosis\n",
         "By the leading digits of the error code (EMCY, 603Fh); the longest match counts.\n",
@@ -396,6 +393,10 @@ def generate() -> str:
     return "\n".join(out)
 
 
+def _kind(fault: GatewayFault) -> str:
+    return "warning" if fault.is_warning else "severe fault" if fault.severe else "fault"
+
+
 def _names(members: Sequence[enum.IntEnum], everything: Sequence[enum.IntEnum]) -> str:
     return "any" if len(members) == len(everything) else ", ".join(_name(member) for member in members)
 
@@ -416,6 +417,7 @@ def _power_table() -> Sequence[str]:
             _name(row.action),
             row.reason.name if row.reason else "",
             row.why,
+            "" if row.fault is None else int(row.fault),
         )
         for number, row in enumerate(ROWS, 1)
     )
@@ -427,7 +429,7 @@ def _power_table() -> Sequence[str]:
     )
     words = ("of the telegram" if a is Action.PASS else f"{CONTROLWORDS[a]:04X}h" for a in Action)
     return (
-        table(("row", "phase", "drive shows", "requested", "next phase", "command", "reason", "why"), rows),
+        table(("row", "phase", "drive shows", "requested", "next phase", "command", "reason", "why", "fault"), rows),
         f"Phases: {', '.join(map(_name, Phase))}. Drive states: {', '.join(map(_name, Drive))}.",
         f"Requests: {', '.join(map(_name, PowerWish))}.\n",
         table(("command", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),

@@ -315,8 +315,8 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     'STW1.10 falls in operation, with control_lost = "hold"': DeviceSituation(
         tables=axis(1, more='simulate = true\ncontrol_lost = "hold"'),
         begin=words((ON, {"NSOLL_A": 0x1000}), (ON & ~0x400, {})),
-        says=("Waits", "STW1.10 = 0", "continues with its last setpoint", "must set STW1.10 = 1"),
-        lacks=("does not start",),
+        says=("In operation", "STW1.10 = 0", "continues with its last setpoint", "must set STW1.10 = 1"),
+        lacks=("does not start", "Waits"),
         health=Health.WARNING,
         cure=words((ON, {})),
     ),
@@ -352,7 +352,8 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     ),
     "the drive was lost for a second in operation": DeviceSituation(
         begin=_lose,
-        says=("Waits", "ON ignored", "because of node lost", "no TPDO1 for 200 ms, since "),
+        says=("Waits: ON ignored: node lost: silent", ", since ", "Check plug, cable and supply", "; then OFF and ON"),
+        lacks=("send an OFF first",),
         health=Health.WARNING,
         cure=words((OFF, {}), (ON, {})),
     ),

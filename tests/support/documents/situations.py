@@ -143,14 +143,15 @@ FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 def show_no_supply(model: DriveModel, _: int) -> None:
     """The DC link is off: the drive stays without power whatever is commanded."""
     if model.state not in FAULTY:
-        model.statusword = STATUS_OF[State.SWITCH_ON_DISABLED]
+        model.statusword = STATUS_OF[State.SWITCH_ON_DISABLED] | StatusBit.REMOTE
     model.statusword &= ~StatusBit.VOLTAGE_ENABLED
 
 
 def show_not_enabled(model: DriveModel, _: int) -> None:
     """Safe torque off: the drive stays below operation, with its supply."""
     if model.state not in FAULTY and model.statusword & StatusBit.VOLTAGE_ENABLED:
-        model.statusword = STATUS_OF[State.READY_TO_SWITCH_ON] | StatusBit.VOLTAGE_ENABLED | StatusBit.NO_QUICK_STOP
+        enabled = StatusBit.VOLTAGE_ENABLED | StatusBit.NO_QUICK_STOP | StatusBit.REMOTE
+        model.statusword = STATUS_OF[State.READY_TO_SWITCH_ON] | enabled
 
 
 def clear_bits(plc: Plc, mask: int) -> None:
@@ -356,7 +357,8 @@ SITUATIONS: dict[str, Situation] = {
     ),
     "the PLC comes back with ON in its first frame": Situation(
         begin=_on_too_early,
-        says=("Waits: ON ignored: send an OFF first", "because of PLC lost: ", "STW1.0 to 0 and then to 1"),
+        says=("Waits: ON ignored: PLC lost: no valid frame", "Check the cable", "; then OFF and ON"),
+        lacks=("send an OFF first",),
         health=Health.WARNING,
         cure=words((OFF, {}), (ON, {})),
     ),

@@ -53,7 +53,7 @@ def test_drive_that_ignores_a_stop_gets_nmt_stop_and_one_fault(word: int | None)
     assert without_reaction(bench, word, REACTION // CYCLE) is Brake.NONE
     assert without_reaction(bench, word, 20) is Brake.NMT_STOP
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 1
-    assert "speed 3000" in bench.stepper.events[-1].text
+    assert "1500 rpm" in bench.stepper.events[-1].text
 
 
 def test_quick_stop_is_supervised_by_speed_while_the_statusword_changes() -> None:

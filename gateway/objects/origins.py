@@ -1,0 +1,105 @@
+"""Origins: what began the stop of a drive object, by whom and when.
+
+The first event of a stop is its origin, and what follows is a consequence. It is kept until ON works again; a severe one until
+the fault is acknowledged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from pdgw.ds301.emcy import emcy_remedy
+from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
+from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
+
+_ORDERS: Final = {
+    Reason.RAMP_STOP: "ON came before the end of the OFF1 ramp",
+    Reason.QUICK_STOP: "the PLC has sent OFF3 (STW1.2 = 0)",
+    Reason.COAST_STOP: "the PLC has sent OFF2 (STW1.1 = 0)",
+}
+"""Stops that the PLC orders, by the reason in the power table."""
+
+
+@dataclass(slots=True)
+class Origin:
+    """What began a stop. Times are monotonic nanoseconds."""
+
+    by: By
+    evidence: str
+    remedy: str
+    first_ns: int
+    number: int = 0
+    """Its fault (P947); 0: no fault."""
+    last_ns: int = 0
+    count: int = 0
+    """How often its fault was reported."""
+
+    @classmethod
+    def of(cls, record: FaultRecord, by: By | None = None) -> Origin:
+        """That of a fault; its text may end with a remedy."""
+        fault, time = GATEWAY_FAULTS.get(record.number), record.time_ns
+        if fault is None:
+            return cls(By.DRIVE, record.text, emcy_remedy(record.code), time, record.number, time, 1)
+        evidence, remedy = record.text, ""
+        if fault.by is not By.PLC:
+            evidence, _, remedy = evidence.partition("; ")
+        return cls(by or fault.by, evidence, remedy or fault.remedy, time, record.number, time, 1)
+
+    @classmethod
+    def of_stop(cls, number: int | None, reason: Reason | None, detail: str, now: int) -> Origin:
+        """That of a stop whose fault is not reported yet, or that has none. ``number``, ``reason``: of its cell of the table."""
+        fault = GATEWAY_FAULTS.get(number or 0)
+        if fault is not None:
+            evidence = f"{fault.name}: {detail}" if detail else fault.name
+            return cls(fault.by, evidence, fault.remedy, now, fault.number)
+        text = _ORDERS.get(reason) if reason is not None else None
+        by = By.PLC if text else By.DRIVE
+        return cls(by, text or (reason or Reason.NEEDS_OFF).value, Reason.NEEDS_OFF.remedy, now)
+
+
+class Origins:
+    """The origin of one drive object."""
+
+    def __init__(self, now: int) -> None:
+        self.present: Origin | None = Origin(By.GATEWAY, "the gateway has started", Reason.NEEDS_OFF.remedy, now)
+        """Why ON is ignored; None while the drive follows the PLC."""
+        self.severe: Origin | None = None
+        """The first severe fault that is not acknowledged."""
+
+    def enter(self, record: FaultRecord, by: By | None = None) -> None:
+        """A fault is reported. ``by``: who caused it, where its row of the table does not say so."""
+        present, fault = self.present, GATEWAY_FAULTS.get(record.number)
+        if record.is_warning:
+            return
+        if fault is not None and fault.severe and self.severe is None:
+            self.severe = Origin.of(record)
+        if present is not None and present.count and present.number == record.number:
+            present.count += 1
+            present.last_ns = record.time_ns
+        elif present is None or present.number in (0, record.number) or _explains(record, present):
+            self.present = Origin.of(record, by)
+
+    def stopped(self, origin: Origin) -> None:
+        """The drive follows the PLC no longer."""
+        if self.present is None:
+            self.present = origin
+
+    def released(self, now: int) -> None:
+        """The drive follows the PLC, and nothing of this cycle stops it."""
+        if self.present is not None and self.present.last_ns < now:
+            self.present = None
+
+    def acknowledged(self) -> None:
+        """The faults are acknowledged: what happens next is not their consequence."""
+        self.severe = None
+        if self.present is not None and self.present.number:
+            self.present.count = 0
+            self.present.number = 0
+
+
+def _explains(record: FaultRecord, present: Origin) -> bool:
+    """Whether the device says why it left operation, before or shortly after that."""
+    left = present.number == FaultNumber.LEFT_OPERATION and record.of_device
+    return left and record.time_ns - present.first_ns < EMERGENCY_PATIENCE_NS

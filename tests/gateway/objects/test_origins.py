@@ -1,0 +1,217 @@
+"""The origin of a stop: the first event, whatever follows from it; who began it; and never "Waits" beside a shaft that turns."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from pdgw.durations import MS
+from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.objects.enable_chain import EnableStatus
+from pdgw.gateway.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber
+from pdgw.gateway.service.status import snapshot
+from tests.conformance.rig import COMPLETE
+from tests.support.documents.origin_situations import (
+    command_pre_operational,
+    end_faults,
+    leave_operational,
+    lose,
+    start,
+)
+from tests.support.documents.situations import Step, both, in_operation, run_out, words
+from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, drive_of
+
+
+def silent(plc: Plc, _: Daemon) -> None:
+    """The PLC is lost, and sends ON again."""
+    plc.silent = True
+    run_out(plc, 1000 * MS)
+    plc.silent = False
+
+
+def stop(plc: Plc, _: Daemon) -> None:
+    """The PLC is in STOP, and in RUN again."""
+    plc.endpoint.run = False
+    run_out(plc, 400 * MS)
+    plc.endpoint.run = True
+
+
+def found(plc: Plc, daemon: Daemon) -> None:
+    plc.until(lambda: daemon.axes[0].good, "online")
+
+
+EVENTS: dict[str, tuple[Step, By, str]] = {
+    "loss of the PLC": (silent, By.PLC, "PLC lost"),
+    "STOP of the PLC": (stop, By.PLC, "the PLC is in STOP"),
+    "loss of the node": (lose, By.NODE, "node lost: silent"),
+    "NMT command of another master": (
+        both(command_pre_operational, found),
+        By.OTHER_MASTER,
+        "another master has sent NMT command 80h",
+    ),
+    "Pre-operational after an EMCY": (both(leave_operational, found), By.NODE, "after EMCY FF01h"),
+    "STO": (
+        both(start("enable-input-dropped"), lambda plc, _: run_out(plc, 500 * MS), end_faults),
+        By.DRIVE,
+        "left operation",
+    ),
+    "control": (both(words((ON & ~0x400, {})), words((ON, {}))), By.PLC, "control by PLC removed"),
+    "OFF3": (both(words((ON & ~0x4, {})), words((ON, {}))), By.PLC, "OFF3 (STW1.2 = 0)"),
+}
+"""Events that stop an axis while the PLC keeps ON, who causes each, and words of its evidence."""
+
+
+def status_of(daemon: Daemon) -> EnableStatus:
+    return daemon.axes[0].enable_status
+
+
+@pytest.mark.parametrize("title", EVENTS)
+def test_each_stop_without_an_order_has_an_origin_with_its_author(title: str) -> None:
+    event, by, evidence = EVENTS[title]
+    with in_operation() as (daemon, plc):
+        assert daemon.axes[0].origins.present is None
+        event(plc, daemon)
+        run_out(plc)
+        origin = daemon.axes[0].origins.present
+        assert origin is not None
+        assert (origin.by, evidence in origin.evidence) == (by, True), origin
+        assert evidence in status_of(daemon).sentence
+        document = snapshot(daemon)["axes"][0]
+        assert (document["origin"]["by"], document["origin"]["text"]) == (by.value, origin.evidence)
+        plc.endpoint.set(0, {"STW1": OFF})
+        run_out(plc)
+        assert daemon.axes[0].origins.present is None, "ON works again"
+
+
+PAIRS = [pair for pair in itertools.permutations(EVENTS, 2) if "OFF3" not in pair]
+
+
+@pytest.mark.parametrize("pair", PAIRS if COMPLETE else PAIRS[::3], ids=" - ".join)
+def test_a_consequence_never_replaces_the_origin(pair: tuple[str, str]) -> None:
+    first, second = (EVENTS[title] for title in pair)
+    with in_operation() as (daemon, plc):
+        first[0](plc, daemon)
+        run_out(plc)
+        before = daemon.axes[0].origins.present
+        assert before is not None
+        evidence = before.evidence
+        second[0](plc, daemon)
+        run_out(plc)
+        after = daemon.axes[0].origins.present
+        assert after is not None
+        assert (after.evidence, after.by) == (evidence, first[1])
+        assert first[2] in status_of(daemon).sentence
+
+
+def test_a_severe_fault_is_shown_until_it_is_acknowledged_after_its_origin() -> None:
+    with in_operation() as (daemon, plc):
+        words((ON, {"NSOLL_A": 0x1000}))(plc, daemon)
+        drive_of(daemon).node.start_fault("deaf")
+        plc.silent = True
+        for _ in range(40):
+            run_out(plc, 100 * MS)
+            if daemon.axes[0].origins.severe is not None:
+                assert status_of(daemon).state is AxisState.FAULT
+        text = status_of(daemon).text
+        assert text.startswith("Fault: PLC lost: no valid frame")
+        assert "; then: drive does not stop: " in text
+        plc.silent = False
+        end_faults(plc, daemon)
+        plc.until(lambda: daemon.axes[0].good, "online")
+        words((OFF, {}), (OFF | 0x80, {}), (OFF, {}))(plc, daemon)
+        assert status_of(daemon).state is AxisState.OFF
+
+
+def test_the_same_event_is_counted_and_acknowledged_events_are_past() -> None:
+    with in_operation() as (daemon, plc):
+        lose(plc, daemon, 2)
+        assert "(2 times)" in status_of(daemon).sentence
+        words((ON | 0x80, {}))(plc, daemon)
+        assert daemon.axes[0].cause is None
+        silent(plc, daemon)
+        run_out(plc)
+        assert "ON ignored: PLC lost" in status_of(daemon).sentence
+
+
+STEPS: tuple[dict[str, int], ...] = (
+    {"STW1": ON & ~0x40},
+    {"STW1": ON},
+    {"STW1": ON & ~0x40},
+    {"STW1": ON & ~0x40 | 0x100},
+    {"STW1": ON & ~0x10},
+    {"STW1": ON},
+    {"STW1": ON & ~0x20},
+    {"STW1": ON & ~0x40},
+    {"STW1": ON & ~0x400},
+    {"STW1": ON},
+    {"STW1": OFF},
+    {"STW1": ON},
+    {"STW1": ON & ~0x8},
+    {"STW1": ON},
+    {"STW1": ON & ~0x2},
+    {"STW1": OFF},
+    {"STW1": ON},
+    {"STW1": ON & ~0x4},
+)
+TURNING: dict[str, int] = {
+    "NSOLL_A": 0x2000,
+    "NSOLL_B": 0x2000_0000,
+    "MDI_TARPOS": 50_000,
+    "MDI_VELOCITY": 0x1000_0000,
+    "MDI_ACC": 0x4000,
+    "MDI_DEC": 0x4000,
+    "OVERRIDE": 0x4000,
+    "POS_STW1": 0x8100,
+    "SATZANW": 0x8000,
+}
+
+
+@pytest.mark.parametrize("number", sorted(item for item in DRIVE_TELEGRAMS if item != 100))
+@pytest.mark.parametrize(
+    "reaction", PlcLossReaction if COMPLETE else [PlcLossReaction.COAST], ids=lambda item: item.name
+)
+def test_a_shaft_that_turns_never_waits_and_is_never_off(number: int, reaction: PlcLossReaction) -> None:
+    dsc = 'dsc = "speed"\nfollowing_window = 10000\n' if number in (5, 6, 105, 106) else ""
+    more = f'{dsc}on_plc_loss = "{reaction.value}"\n{SIMULATED_POSITIONER}'
+    with in_operation(axis(1, telegram_number=number, more=more)) as (daemon, plc):
+        values = {name: value for name, value in TURNING.items() if name in plc.endpoint.setpoints[0]}
+        item, turned = daemon.axes[0], 0
+
+        def look(ns: int) -> None:
+            nonlocal turned
+            for _ in range(ns // (20 * MS)):
+                run_out(plc, 20 * MS)
+                turned += item.turns
+                if item.turns:
+                    state = item.enable_status.state
+                    assert state not in (AxisState.WAITS, AxisState.OFF, AxisState.NOT_ON_THE_BUS), (
+                        item.enable_status.sentence
+                    )
+
+        for word in STEPS:
+            plc.endpoint.set(0, values | word)
+            look(300 * MS)
+        plc.endpoint.set(0, {"STW1": OFF})
+        look(500 * MS)
+        plc.endpoint.set(0, values | {"STW1": ON})
+        look(500 * MS)
+        plc.silent = True
+        look(1500 * MS)
+        assert turned or number in (7, 9, 110), "the shaft turned"
+
+
+def test_every_gateway_fault_names_its_author_and_remedy() -> None:
+    for fault in GATEWAY_FAULTS.values():
+        assert fault.by in By
+        assert fault.remedy
+        assert fault.remedy[0].islower() or fault.remedy[0] == "C"
+    severe = {number for number, fault in GATEWAY_FAULTS.items() if fault.severe}
+    assert severe == {
+        FaultNumber.STATE_UNKNOWN,
+        FaultNumber.STOP_IGNORED,
+        FaultNumber.ENABLE_UNASKED,
+        FaultNumber.VELOCITY,
+    }

@@ -1,0 +1,156 @@
+"""Situations in which the axis shows a latch or the gateway's own reaction, and the line names what began the stop."""
+
+from __future__ import annotations
+
+from pdgw.ds301.communication import EMCY, NMT, NmtCommand, NmtState
+from pdgw.dsp402.states import STATUS_OF, State, StatusBit
+from pdgw.durations import MS
+from pdgw.gateway.daemon import Daemon
+from pdgw.peers.drive.model.model import DriveModel
+from pdgw.tools.output.status_text import Health
+from tests.support.documents.situations import Situation, Step, acknowledge, both, good, online, run_out, words
+from tests.support.gateways.daemon import OFF, ON, Plc, drive_of, world_of
+
+OFF3 = ON & ~0x4
+_TURN = words((ON, {"NSOLL_A": 0x1000}))
+_AGAIN = words((OFF, {}), (ON, {}))
+
+
+def start(name: str, **values: object) -> Step:
+    """The drive begins to misbehave."""
+    return lambda _, daemon: drive_of(daemon).node.start_fault(name, **values) and None
+
+
+def lose(plc: Plc, daemon: Daemon, times: int = 1) -> None:
+    """The drive is off the bus for a moment."""
+    for _ in range(times):
+        drive_of(daemon).node.start_fault("bus-off", recovery_ms=1000)
+        plc.until(lambda: not daemon.axes[0].good, "lost")
+        plc.until(lambda: daemon.axes[0].good, "found again")
+
+
+def enable_itself(plc: Plc, daemon: Daemon) -> None:
+    """The drive shows operation for a moment, while the PLC sends OFF."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.statusword = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.REMOTE | StatusBit.VOLTAGE_ENABLED
+
+    plc.endpoint.set(0, {"STW1": OFF})
+    run_out(plc)
+    drive_of(daemon).model.disguises.append(shows)
+    run_out(plc, 100 * MS)
+    drive_of(daemon).model.disguises.clear()
+
+
+def set_local(plc: Plc, daemon: Daemon) -> None:
+    """Somebody switches the drive to local mode while it is off."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.statusword = STATUS_OF[State.READY_TO_SWITCH_ON] | StatusBit.VOLTAGE_ENABLED
+
+    plc.endpoint.set(0, {"STW1": OFF})
+    run_out(plc)
+    drive_of(daemon).model.disguises.append(shows)
+
+
+def leave_operational(_: Plc, daemon: Daemon) -> None:
+    """The node sends an EMCY and is Pre-operational."""
+    node = drive_of(daemon).node
+    node.transmit(EMCY + 1, b"\x01\xff\0\0\0\0\0\0")
+    node.state = NmtState.PRE_OPERATIONAL
+    node.on_nmt(node.state)
+
+
+def command_pre_operational(_: Plc, daemon: Daemon) -> None:
+    """Another master on the bus sends an NMT command."""
+    world_of(daemon).bus("world").join("another master").send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+
+
+def end_faults(_: Plc, daemon: Daemon) -> None:
+    """The device is repaired."""
+    drive_of(daemon).node.end_fault()
+    drive_of(daemon).model.disguises.clear()
+
+
+ORIGIN_SITUATIONS: dict[str, Situation] = {
+    "the drive ignores OFF3, and the gateway stops its node": Situation(
+        begin=both(_TURN, start("deaf"), words((OFF3, {}))),
+        says=(
+            "Fault: drive does not stop: ",
+            " rpm after ",
+            "the gateway has stopped the node (NMT)",
+            "brake resistor",
+        ),
+        lacks=("Check power", "find what holds", "Not on the bus"),
+        cure=both(end_faults, lambda plc, daemon: plc.until(lambda: daemon.axes[0].good, "online"), acknowledge),
+    ),
+    "STW1.5 = 0 freezes the ramp of a turning axis": Situation(
+        begin=both(_TURN, words((ON & ~0x20, {"NSOLL_A": 0}))),
+        says=("In operation: ramp frozen (STW1.5 = 0): holds 750 rpm, setpoint 0 rpm not followed", "must set STW1.5"),
+        lacks=("Waits", "STW1.4", "STW1.6"),
+        health=Health.WARNING,
+        cure=words((ON, {})),
+    ),
+    "the drive enables itself during OFF": Situation(
+        begin=enable_itself,
+        says=(
+            "Off: not acknowledged: drive acts without a command: entered operation, since ",
+            "Switch off what enables",
+        ),
+        lacks=("No error",),
+        health=Health.WARNING,
+        cure=acknowledge,
+    ),
+    "a loose plug: the drive is lost three times while the PLC keeps ON": Situation(
+        begin=lambda plc, daemon: lose(plc, daemon, 3),
+        says=("Waits: ON ignored: node lost: silent", "(3 times)", "Check plug, cable and supply", "; then OFF and ON"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the light curtain opens STO while the PLC keeps ON": Situation(
+        begin=both(start("enable-input-dropped"), lambda plc, _: run_out(plc), end_faults),
+        says=(
+            "Waits: ON ignored",
+            "without a command: left operation, shows ",
+            "Check safe torque off (STO), enable input and supply",
+            "; then OFF and ON",
+        ),
+        lacks=("send an OFF first",),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the gateway starts while the PLC keeps ON": Situation(
+        operates=False,
+        begin=lambda plc, _: plc.endpoint.set(0, {"STW1": ON}),
+        says=("Waits: ON ignored: the gateway has started", "set STW1.0 to 0 and then to 1"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the PLC takes its OFF3 back": Situation(
+        begin=both(words((OFF3, {})), words((ON, {}))),
+        says=("Waits: ON ignored: the PLC has sent OFF3 (STW1.2 = 0), since ",),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "another master sets the drive to Pre-operational": Situation(
+        begin=both(command_pre_operational, lambda plc, daemon: plc.until(lambda: daemon.axes[0].good, "online")),
+        says=("Waits: ON ignored: node lost", "another master has sent NMT command 80h", "Switch the other master off"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the drive leaves Operational by itself after an EMCY": Situation(
+        begin=both(leave_operational, lambda plc, daemon: plc.until(lambda: daemon.axes[0].good, "online")),
+        says=("node lost", "left Operational by itself after EMCY FF01h"),
+        lacks=("Check power", "without an EMCY"),
+        health=Health.WARNING,
+        cure=both(online, acknowledge),
+    ),
+    "the drive is in local mode": Situation(
+        begin=both(set_local, words((ON, {}))),
+        says=("Waits: local mode (Statusword.9 = 0)", "switch the drive to remote"),
+        lacks=("safe torque off",),
+        health=Health.WARNING,
+        cure=both(end_faults, good),
+    ),
+}
+"""What a technician finds after the first event has passed, over both links."""
