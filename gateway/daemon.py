@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import gc
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -292,6 +292,16 @@ class Daemon:
             for item in self.objects:
                 text = f"telegram {number} of DO {changed.do_id}: the PLC has to send the new frame"
                 item.raise_fault(FaultNumber.FRAME_CHANGED, text, now)
+
+    def recall(self, ended: str, origins: Mapping[str, str]) -> None:
+        """How the last gateway ended, empty if that is unknown; and its ``origins``. Before the start."""
+        for item in self.objects:
+            item.origins.recall(ended, origins.get(str(item.do_id), ""))
+
+    def origins(self) -> dict[str, str]:
+        """What has stopped the drive objects, by DO-ID: for the next gateway."""
+        found = {str(item.do_id): item.origins.last(self.loop) for item in self.objects}
+        return {do_id: text for do_id, text in found.items() if text}
 
     def update_store(self, change: Callable[[DeviceParameters], None]) -> None:
         """Change stored parameters, in a task: saved first, then in force. GatewayError when the file cannot be written."""

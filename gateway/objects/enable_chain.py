@@ -8,13 +8,11 @@ and derive nothing themselves.
 from __future__ import annotations
 
 import re
-from datetime import datetime
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
 from pdgw.gateway.axis.adapters.speed_words import DEVICE_BITS, SpeedAdapter
 from pdgw.gateway.axis.demand_report import PowerWish, SpeedDemand, SpeedWish
@@ -23,7 +21,7 @@ from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.objects.bit_effects import Missing
-from pdgw.gateway.objects.origins import Origin
+from pdgw.gateway.objects.origins import Origin, clock, since
 from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
 from pdgw.profidrive.encoder import ENCODER_ACKNOWLEDGE, SENSOR_ACKNOWLEDGE, SENSOR_ERROR_TEXTS, SensorState
 from pdgw.profidrive.signal_text import value_text
@@ -238,13 +236,7 @@ class _Chain:
 
     def since(self, origin: Origin) -> str:
         """The text of an origin, since when, and how often."""
-        times = f" ({origin.count} times)" if origin.count > 1 else ""
-        return f"{origin.evidence}, since {self.clock(origin.first_ns)}{times}"
-
-    def clock(self, time_ns: int) -> str:
-        """The time of day of a monotonic time."""
-        loop = self.item.client.loop
-        return f"{datetime.fromtimestamp(loop.wall() - (loop.now() - time_ns) / SECOND):%H:%M:%S}"
+        return since(origin, self.item.client.loop)
 
     def check_plc(self, *, connected: bool, in_operation: bool, never: Reason, lost: bool) -> bool:
         """Whether its setpoints count. ``in_operation``: the object follows a connected PLC."""
@@ -386,7 +378,7 @@ def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
         return f"no setpoint: {missing.set_to(0)} ({effects})", f"the PLC's program must set {missing.set_to(1)}"
     text, remedy = chain.own_text(reason) or reason.value, reason.remedy
     if reason in _ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
-        text = f"{text} (at {chain.clock(record.time_ns)})"
+        text = f"{text} (at {clock(record.time_ns, axis.network.loop)})"
     if reason is Reason.FUNCTION_RUNS:
         text = f"{text}; active now: {executor.lacked(0)}"
     elif bits and reason is not Reason.EARLY_EDGE:

@@ -7,9 +7,12 @@ the fault is acknowledged.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Final
 
 from pdgw.ds301.emcy import emcy_remedy
+from pdgw.ds301.loop.loop import Loop
+from pdgw.durations import SECOND
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
@@ -59,6 +62,18 @@ class Origin:
         return cls(by, text or (reason or Reason.NEEDS_OFF).value, Reason.NEEDS_OFF.remedy, now)
 
 
+def clock(time_ns: int, loop: Loop) -> str:
+    """The time of day of a monotonic time."""
+    return f"{datetime.fromtimestamp(loop.wall() - (loop.now() - time_ns) / SECOND):%H:%M:%S}"
+
+
+def since(origin: Origin, loop: Loop) -> str:
+    """The text of an origin, since when, and how often."""
+    times = f" ({origin.count} times)" if origin.count > 1 else ""
+    what, more, other = origin.evidence.partition("; ")
+    return f"{what}, since {clock(origin.first_ns, loop)}{times}{more}{other}"
+
+
 class Origins:
     """The origin of one drive object."""
 
@@ -67,6 +82,20 @@ class Origins:
         """Why ON is ignored; None while the drive follows the PLC."""
         self.severe: Origin | None = None
         """The first severe fault that is not acknowledged."""
+        self._recalled = ""
+
+    def recall(self, ended: str, before: str) -> None:
+        """How the last gateway ended, and what it has kept with ``last``."""
+        assert self.present is not None, "before the start"
+        self._recalled = before
+        self.present.evidence += f"; {ended or 'an earlier one has left no word'}{before and f'; before: {before}'}"
+
+    def last(self, loop: Loop) -> str:
+        """What began the last stop, as text; empty if only the gateway itself did."""
+        origin = self.severe or self.present
+        if origin is None or (origin.by is By.GATEWAY and not origin.number):
+            return self._recalled
+        return since(origin, loop)
 
     def enter(self, record: FaultRecord, by: By | None = None) -> None:
         """A fault is reported. ``by``: who caused it, where its row of the table does not say so."""
@@ -89,7 +118,7 @@ class Origins:
     def released(self, now: int) -> None:
         """The drive follows the PLC, and nothing of this cycle stops it."""
         if self.present is not None and self.present.last_ns < now:
-            self.present = None
+            self.present, self._recalled = None, ""
 
     def acknowledged(self) -> None:
         """The faults are acknowledged: what happens next is not their consequence."""

@@ -67,7 +67,7 @@ CAUSES: dict[str, Cause] = {
     "NMT": (
         _send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1))),
         100,
-        "the heartbeat of node 1 says Pre-operational",
+        "Pre-operational: another master has sent NMT command 80h",
     ),
     "no heartbeat": (_fault("heartbeat-stops"), 300, "no heartbeat for 300 ms"),
     "no TPDO": (_fault("lost-pdos", every=1), 200, "no TPDO1"),

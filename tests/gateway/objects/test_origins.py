@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ from pdgw.durations import MS
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.last_words import kept_last_words
 from pdgw.gateway.objects.enable_chain import EnableStatus
 from pdgw.gateway.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber
 from pdgw.gateway.service.status import snapshot
@@ -21,8 +23,8 @@ from tests.support.documents.origin_situations import (
     lose,
     start,
 )
-from tests.support.documents.situations import Step, both, in_operation, run_out, words
-from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, drive_of
+from tests.support.documents.situations import SLOW_PLC, Step, both, in_operation, run_out, words
+from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running
 
 
 def silent(plc: Plc, _: Daemon) -> None:
@@ -134,6 +136,37 @@ def test_the_same_event_is_counted_and_acknowledged_events_are_past() -> None:
         silent(plc, daemon)
         run_out(plc)
         assert "ON ignored: PLC lost" in status_of(daemon).sentence
+
+
+@pytest.mark.parametrize("title", EVENTS)
+def test_after_a_restart_of_the_gateway_the_last_origin_is_named(title: str) -> None:
+    event, _, evidence = EVENTS[title]
+    with in_operation() as (daemon, plc):
+        event(plc, daemon)
+        run_out(plc)
+        kept = daemon.origins()
+    for ended in ("the last one ended on 2026-03-01 at 04:11:02: stopped as commanded", ""):
+        with running(configuration(axis(1), transport=SLOW_PLC), lambda daemon: daemon.recall(ended, kept)) as daemon:  # noqa: B023
+            plc = Plc(daemon, [1])
+            plc.endpoint.set(0, {"STW1": ON})
+            run_out(plc)
+            text = status_of(daemon).text
+            assert text.startswith("Waits: ON ignored: the gateway has started, since "), text
+            assert (ended or "an earlier one has left no word") in text
+            assert evidence in text.partition("before: ")[2]
+            kept = daemon.origins()
+            plc.enable()
+            assert daemon.origins() == {}
+
+
+def test_origins_are_kept_with_the_last_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    with kept_last_words(4242) as words:
+        assert (words.text, words.origins) == ("", {})
+        words.kept = lambda: {"1": "node lost, since 04:11:02"}
+    with kept_last_words(4242) as words:
+        assert words.text.endswith(": stopped as commanded")
+        assert words.origins == {"1": "node lost, since 04:11:02"}
 
 
 STEPS: tuple[dict[str, int], ...] = (

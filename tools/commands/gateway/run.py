@@ -136,7 +136,7 @@ def run(
     if sys.__stderr__ is not None:  # without a console, as on Windows
         faulthandler.enable(sys.__stderr__)  # on SIGABRT of a service manager's watchdog, print where each thread was
     with ExitStack() as at_end:
-        at_end.enter_context(kept_last_words(chosen.transport.status_port))
+        words = at_end.enter_context(kept_last_words(chosen.transport.status_port))
         keep = at_end.enter_context(trace_keeper(chosen.trace))
         scheduling = operating_system.request(chosen.transport.cycle_time_ms)
         run_log = RunLog(log_level, log_file, log_format)
@@ -151,6 +151,8 @@ def run(
         daemon = build_gateway(chosen, name="simulated" if config is None else config.stem)
         daemon.file = read
         at_end.callback(daemon.release)
+        daemon.recall(words.text, words.origins)
+        words.kept = daemon.origins
         run_log.count_in(daemon.loop.counters)
         if record is not None:
             from pdgw.tools.recording.recorder import Recording
