@@ -309,7 +309,8 @@ class Heartbeats(Periodic):
         self._chance = Random(ERROR_CONTROL + self.node.node_id)
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
-        return can_id != ERROR_CONTROL + self.node.node_id or data == b"\0"
+        guarded = not self.node.values.get((com.PRODUCER_HEARTBEAT, 0))
+        return guarded or can_id != ERROR_CONTROL + self.node.node_id or data == b"\0"
 
     def _next_ms(self) -> int:
         return self.period_ms + self._chance.randint(-self.jitter_ms, self.jitter_ms)

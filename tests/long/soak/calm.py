@@ -64,6 +64,8 @@ _PASSING: Final = frozenset(
     }
 )
 """Reasons of a handshake; the PLC parks a sensor for a shorter time."""
+_PASSING_WITH: Final = {"motion-starts-late": Reason.INTERNAL_LIMIT}
+"""The same with a habit: a limit bit at rest may be why the axis does not move yet."""
 _ASKED_NS: Final = SECOND // 2
 """What the PLC asks for is over within this time after it, besides the latency of the drive."""
 _CAUSED: Final = {
@@ -131,6 +133,7 @@ class CalmRun(SoakRun):
         """When the PLC caused a reason last."""
         habits = self.plan.axes[0].habits if self.axes else self.plan.encoder_habits
         self.late_ns = habits_ms(habits) * MS + 4 * self.cycle_ns
+        self._passing = _PASSING | {reason for name, reason in _PASSING_WITH.items() if name in habits}
         self._warned = any(HABITS[name].warns for name in habits)
         self.encoder = self.world.encoder(CHANNEL, 1, habits=habits) if self.plan.encoder else None
         self.program = program(self)
@@ -182,7 +185,7 @@ class CalmRun(SoakRun):
                 self._caused[cause] = now
         if word & _JOG and not self.plan.direct:
             self._caused[Reason.INTERMEDIATE_STOP] = now  # the end of a jog is one until more frames confirm it
-        passing = reason in _PASSING
+        passing = reason in self._passing
         since = self._reason_since if passing else self._caused.get(reason, 0)
         limit = _PASSING_NS if passing else _ASKED_NS
         return reason is not None and now - since > limit + 2 * self.late_ns

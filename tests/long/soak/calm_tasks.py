@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp406.objects import UNITS_PER_REVOLUTION
-from pdgw.durations import SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
@@ -27,7 +27,7 @@ from pdgw.profidrive.signals import float_of, float_pattern
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.tools.client.udp import ParameterClient
-from tests.long.soak.plan import TRANSPARENT
+from tests.long.soak.plan import TRANSPARENT, habits_ms
 from tests.long.soak.watch import RATED_RPM, ViolationError
 
 if TYPE_CHECKING:
@@ -54,6 +54,8 @@ _WINDOW: Final = 0.003
 _BLOCKS: Final = {1: 2.0, 2: -3.0, 3: -0.5}
 """Ends of the traversing blocks, and of the chain that begins with block 3."""
 _BLOCK_SHARE: Final = 0.2
+_DEAD_TIMES: Final = {"late-pdos", "tpdo-jitter", "tpdo-inhibit", "command-latency"}
+"""Habits with a dead time of the position loop of the PLC."""
 
 
 class Program:
@@ -174,6 +176,7 @@ class AxisProgram(Program):
         self.set(self.words.on & ~_NO_OFF3)
         self.ends("quick stop", self.at_standstill)
         if self.words.raw:
+            self.loop.sleep(self.of.late_ns)  # its brake closes
             self.set(0)  # a drive may stay in Quick Stop Active
         self.power_on(0)
         self.of.working = True
@@ -254,7 +257,8 @@ class DscProgram(SpeedProgram):
     def __init__(self, run: CalmRun) -> None:
         super().__init__(run)
         self.tasks["follow path"] = self.follow_path
-        delay_s = (6 * run.cycle_ns + run.late_ns) / SECOND
+        late = {name: values for name, values in self.axis.plan.habits.items() if name in _DEAD_TIMES}
+        delay_s = (6 * run.cycle_ns + 2 * habits_ms(late) * MS) / SECOND
         gain, turn = min(20.0, 0.2 / delay_s), INCREMENTS_PER_REVOLUTION
         self.control = PositionLoop(gain, dsc=True, increments_per_revolution=turn, reference_rpm=RATED_RPM)
         self.path: Callable[[int], float] | None = None
