@@ -155,7 +155,7 @@ class Ended:
 
     event: Event
     status: PnioStatus
-    """That of an ERR from the controller as it was received."""
+    """That of an error from the controller as it was received, else that of the own ERR."""
 
     @property
     def text(self) -> str:
@@ -257,7 +257,8 @@ class ApplicationRelation:
     # -- events -------------------------------------------------------------------------------------------------------
 
     def handle(self, event: Event, now: int, received: PnioStatus | None = None) -> bool:
-        """Let something happen; False when a service is refused in this state. ``received``: the status of a PEER_ERROR."""
+        """Let something happen; False when a service is refused in this state. ``received``: the status of an error that
+        the controller has sent."""
         self.state, action = TABLE[self.state, event]
         match action:
             case Action.REFUSE:
@@ -336,7 +337,8 @@ class ApplicationRelation:
             confirmed = status == 0 and self._is_confirmation(ApplicationReadyRes.decode(arguments))
         except ProfidriveError:
             return
-        self.handle(Event.CONFIRMED if confirmed else Event.UNCONFIRMED, now)
+        received = PnioStatus.of(status) if status else None
+        self.handle(Event.CONFIRMED if confirmed else Event.UNCONFIRMED, now, received)
 
     def _is_confirmation(self, block: ApplicationReadyRes) -> bool:
         ar = self.plan.ar

@@ -498,7 +498,8 @@ def test_unconfirmed_application_ready_ends_the_relationship(status: int, change
     body = encode_arguments(status, replace(right, **changes).encode(), 4096, little=True)
     wire.device.on_datagram(dcerpc.encode_packet(header, body), (PLC_IP, 1), 0)
     wire.events += wire.device.events()
-    assert ended(wire) is AbortCode.CONTROL
+    (event,) = wire.reported(Disconnected)
+    assert event.ended.status == (PnioStatus.of(status) if status else AbortCode.CONTROL.status)
 
 
 def test_application_ready_names_the_submodules_that_differ() -> None:
