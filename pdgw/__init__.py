@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from pdgw.ds301.aborts import CanopenError
     from pdgw.ds301.eds.importer import import_eds
+    from pdgw.dsp402.identification.overlay import add_family
     from pdgw.errors import PdgwError
     from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.axis.telegrams import add_telegram
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from pdgw.gateway.configuration.file import load_config, parse_config
     from pdgw.gateway.daemon import Daemon
     from pdgw.gateway.errors import GatewayError
-    from pdgw.peers.world import Gateway, Plc, World
+    from pdgw.peers.world import Gateway, Plc, SimulatedDevice, World
     from pdgw.profidrive.errors import ProfidriveError
     from pdgw.profidrive.signals import Signal, signal
     from pdgw.profidrive.telegrams import Telegram, telegram
@@ -41,6 +42,7 @@ __all__ = [
     "ProfidriveError",
     "Record",
     "Signal",
+    "SimulatedDevice",
     "Telegram",
     "World",
     "__version__",
@@ -69,6 +71,7 @@ _ROOMS = {
     "ProfidriveError": "profidrive.errors",
     "Record": "tools.decoder.frames.records",
     "Signal": "profidrive.signals",
+    "SimulatedDevice": "peers.world",
     "Telegram": "profidrive.telegrams",
     "World": "peers.world",
     "add_family": "dsp402.identification.overlay",

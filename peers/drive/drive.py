@@ -206,8 +206,8 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
         """
         return self.model.turned(self.loop.now()) / INCREMENTS_PER_REVOLUTION
 
-    def inject(self, fault: int) -> None:
-        """Raise fault 1-12; see ``DriveModel.inject``."""
+    def inject(self, fault: int | str) -> None:
+        """Raise a fault by number or name; see ``DriveModel.inject``."""
         self.do(lambda node: node.model.inject(fault))
 
     def clear(self) -> None:

@@ -111,7 +111,7 @@ class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
     def model(self) -> EncoderModel:
         return self.node.model
 
-    def inject(self, fault: str) -> None:
+    def inject(self, fault: int | str) -> None:
         """Raise a fault by name; see ``EncoderModel.inject``."""
         self.do(lambda node: node.model.inject(fault))
 

@@ -183,9 +183,9 @@ class EncoderModel:
         shifted.offset = self._stored_offsets[channel] = present.offset_for(shifted.physical, value)
         self._show()
 
-    def inject(self, name: str) -> None:
-        """Raise one of ``ENCODER_FAULTS``; its cause stays until ``clear``. Dsp406Error for another name."""
-        fault = ENCODER_FAULTS.get(name)
+    def inject(self, name: int | str) -> None:
+        """Raise one of ``ENCODER_FAULTS``; its cause stays until ``clear``. Dsp406Error for another name, or a number."""
+        fault = ENCODER_FAULTS.get(str(name))
         if fault is None:
             raise Dsp406Error("encoder fault", name, f"one of {', '.join(ENCODER_FAULTS)}")
         self._raise(name, fault)

@@ -2,7 +2,7 @@
 
 from pdgw.peers.world.can_bus import Member, SimulatedCan
 from pdgw.peers.world.udp import Conditions, SimulatedNetwork, SimulatedUdpPort
-from pdgw.peers.world.world import Gateway, Plc, World, WorldChannel
+from pdgw.peers.world.world import Gateway, Plc, SimulatedDevice, World, WorldChannel
 
 __all__ = [
     "Conditions",
@@ -10,6 +10,7 @@ __all__ = [
     "Member",
     "Plc",
     "SimulatedCan",
+    "SimulatedDevice",
     "SimulatedNetwork",
     "SimulatedUdpPort",
     "World",

@@ -6,9 +6,10 @@ import contextlib
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from random import Random
 from types import TracebackType
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import DEFAULT_BITRATE
@@ -19,6 +20,7 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
@@ -27,6 +29,7 @@ from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.notation import find
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.peers.simulation.config import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
@@ -37,16 +40,31 @@ from pdgw.profidrive.telegrams import telegram
 # A gateway for a test: in a world of its own, with the simulated devices of its configuration and a PLC.
 
 
+class SimulatedDevice(Protocol):
+    """A simulated drive or encoder."""
+
+    def inject(self, fault: int | str) -> None:
+        """Raise a fault by its name; those of a drive have the numbers 1-12, too. Its cause stays until ``clear``.
+
+        CanopenError or Dsp406Error with the faults of the device for another one.
+        """
+
+    def clear(self) -> None:
+        """Remove the causes of all faults, so that a fault reset is accepted."""
+
+
 class Gateway:
     """``with Gateway(config) as gateway``: runs until the end of the block, in virtual time.
 
-    ``world`` and ``daemon`` exist before the block, so that a test can add devices that the configuration does not simulate.
+    ``config``: a configuration, or the path of its file; GatewayError if the file is wrong. ``world`` and ``daemon`` exist before
+    the block, so that a test can add devices that the configuration does not simulate.
     """
 
-    def __init__(self, config: GatewayConfig, seed: int | str = 0) -> None:
+    def __init__(self, config: GatewayConfig | Path | str, seed: int | str = 0) -> None:
+        chosen = config if isinstance(config, GatewayConfig) else load_config(config)
         self.world = World(seed)
-        self.world.simulate(config)
-        self.daemon = build_gateway(config, self.world)
+        self.world.simulate(chosen)
+        self.daemon = build_gateway(chosen, self.world)
 
     def __enter__(self) -> Gateway:
         self.daemon.start()
@@ -63,11 +81,8 @@ class Gateway:
         """The PLC. It sends only while a test calls it."""
         return Plc(self.world, self.daemon)
 
-    def device(self, do_id: int) -> SimulatedDrive | SimulatedEncoder:
-        """The simulated device of a drive object: ``inject`` raises one of its faults, ``clear`` removes the causes.
-
-        GatewayError without such a device.
-        """
+    def device(self, do_id: int) -> SimulatedDevice:
+        """The simulated device of a drive object. GatewayError without such a device."""
         config = self.daemon.config
         simulated = [item for item in config.objects if item.simulate]
         item = simulated[place_of(do_id, simulated, "no simulated device")]
@@ -89,6 +104,8 @@ class Gateway:
 
 
 NOT_CONFIGURED: Final = "not in the configuration"
+_LATER_NS: Final = 3600 * SECOND
+"""Longer than a step waits."""
 
 
 def place_of(do_id: int | None, objects: Sequence[AxisConfig | EncoderConfig], what: str) -> int:
@@ -155,14 +172,26 @@ class Plc:
         for _ in range(max(1, round(seconds * SECOND) // self._gateway.cycle_ns)):
             engine.step(self._world.loop.now())
             self._cycle()
+        current, late = engine.current, not engine.finished
+        if late:
+            engine.step(self._world.loop.now() + _LATER_NS)  # what it waits for fails, with the measured values
         failed = [f"{result.name}: {result.measured}" for result in engine.results if not result.passed]
-        if failed or not engine.finished:
-            raise AssertionError("; ".join(failed) or f"{engine.current}: not within {seconds:g} s")
+        if late:
+            failed.append(f"{current}: not within {seconds:g} s")
+        if failed:
+            raise AssertionError("; ".join(failed))
 
-    def actual(self, name: str, do_id: int | None = None) -> int | None:
-        """A raw actual value; None while the values are invalid. Raises KeyError for a signal that the telegram lacks."""
-        values = self.actuals[self._index(do_id)]
-        return None if values is None else values[name]
+    def actual(self, name: str, do_id: int | None = None) -> int:
+        """A raw actual value, or a bit of one (``"ZSW1.FAULT_PRESENT"``).
+
+        GatewayError while the values are invalid, for a signal that the telegram lacks and for an unknown DO-ID.
+        """
+        index = self._index(do_id)
+        word = find(name, self.endpoint.telegrams[index].actuals)
+        values = self.actuals[index]
+        if values is None:
+            raise GatewayError(f"{name}: no valid actual values: {self.endpoint.why_no_values(index)}")
+        return word.of(values)
 
     def _index(self, do_id: int | None) -> int:
         return place_of(do_id, self._gateway.config.objects, NOT_CONFIGURED)

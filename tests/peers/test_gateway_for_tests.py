@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 import pdgw
+from pdgw.gateway.configuration.file import config_text
 from tests.support.gateways.daemon import axis, configuration
 
 pytest_plugins = "pdgw.pytest_plugin"
@@ -28,7 +31,7 @@ def test_one_axis_by_its_do_id_turns_with_a_speed_in_rpm(gateway: pdgw.Gateway, 
 
 def test_a_fault_is_injected_and_the_reason_is_shown(gateway: pdgw.Gateway, plc: pdgw.Plc) -> None:
     plc.run(3, 7, on=True)
-    gateway.device(7).inject(5)
+    gateway.device(7).inject("motor feedback")
     plc.exchange(0.1)
     assert gateway.sentence(7) == gateway.status()["axes"][1]["sentence"]
     assert gateway.sentence(7).startswith("Fault: EMCY 7305h motor feedback")
@@ -54,8 +57,31 @@ def test_errors_name_what_is_allowed(gateway: pdgw.Gateway, plc: pdgw.Plc) -> No
         (lambda: gateway.sentence(5), r"do_id = 5: not in the configuration, allowed: \[4, 7, 9\]"),
         (lambda: plc.run(1, speeed="5 rpm"), "speeed"),
         (lambda: plc.run(1, 7, mdi={"to": 5}), "mdi"),
+        (lambda: plc.actual("NIST_X"), r"'NIST_X' is not in the telegram.*did you mean.*NIST_A"),
+        (lambda: plc.actual("NIST_A"), "no valid actual values: "),
+        (lambda: plc.actual("NIST_A", 5), "do_id = 5"),
     ):
         with pytest.raises(pdgw.GatewayError, match=text):
             wrong()
     with pytest.raises(AssertionError, match=r"not within 0\.1 s"):
         plc.run(0.1, 7, on=True)
+    plc.run(3, 7, on=True)
+    late = r"NIST_A 1000 rpm \+- 10 rpm: NIST_A = .*rpm; expect axis 2: not within 0\.1 s"
+    with pytest.raises(AssertionError, match=late):
+        plc.run(0.1, 7, speed="1000 rpm", expect={"NIST_A": "1000 rpm +- 10 rpm"})
+    for device, wrong_fault, known in (
+        (7, "motor", "5 motor feedback"),
+        (7, 13, "12 CANopen"),
+        (9, 1, "position-error"),
+    ):
+        with pytest.raises(pdgw.CanopenError, match=known):
+            gateway.device(device).inject(wrong_fault)
+
+
+def test_gateway_takes_the_path_of_its_configuration(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(config_text(configuration(axis(4))))
+    for path in (file, str(file)):
+        with pdgw.Gateway(path) as gateway:
+            gateway.plc.run(3, on=True)
+            assert gateway.plc.actual("ZSW1.OPERATION_ENABLED") == 1

@@ -247,12 +247,14 @@ class DriveModel:
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
-    def inject(self, number: int) -> None:
-        """Raise one of the faults 1-12; CanopenError for another number. Its cause stays until ``clear``."""
-        if number not in DRIVE_FAULTS:
-            raise CanopenError("fault number", number, f"one of {list(DRIVE_FAULTS)}")
-        self.causes.add(number)
-        self._fault(DRIVE_FAULTS[number])
+    def inject(self, fault: int | str) -> None:
+        """Raise one of the faults 1-12, by number or name; CanopenError for another one. Its cause stays until ``clear``."""
+        found = next((number for number, item in DRIVE_FAULTS.items() if fault in {number, item.name}), None)
+        if found is None:
+            known = ", ".join(f"{number} {item.name}" for number, item in DRIVE_FAULTS.items())
+            raise CanopenError("drive fault", fault, f"one of {known}")
+        self.causes.add(found)
+        self._fault(DRIVE_FAULTS[found])
 
     def clear(self) -> None:
         """Remove the causes of all faults, so that a fault reset is accepted."""
