@@ -1,8 +1,8 @@
 """The recorder of a gateway: every cycle, every step and every frame, as segments of a recording in RAM.
 
 A ring is a folder with segments. Each is a pcapng section of its own; its name has its number and that of its first cycle. The
-recorder appends one piece in each cycle and deletes the oldest segments. A reader needs no lock: what is written never changes,
-and a piece that is missing at the end comes later.
+recorder appends one piece in each cycle, or in 10 ms of short cycles in which nothing but the frames has changed, and deletes the
+oldest segments. A reader needs no lock: what is written never changes, and a piece that is missing at the end comes later.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from pdgw.durations import SECOND, US
+from pdgw.durations import MS, SECOND, US
 from pdgw.gateway.configuration.file import public_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.identity import build_text
@@ -37,6 +37,10 @@ log = logging.getLogger("gateway")
 _MEGABYTE: Final = 1 << 20
 _ANCHOR_NS: Final = SECOND
 """Interval at which the wall clock is read and all values are recorded."""
+_SHORT_NS: Final = 2 * MS
+"""Shorter cycles are written together, because each call of the system takes as long as the rest of the recording;"""
+_UNWRITTEN_NS: Final = 10 * MS
+"""those of this time at most."""
 _SEGMENTS: Final = 16
 """The oldest sixteenth of a ring is deleted at once."""
 _FLAGS: Final = (
@@ -60,6 +64,7 @@ class FlightRecorder:
         self._limit = daemon.config.trace.megabytes * _MEGABYTE // _SEGMENTS
         self._age_ns = daemon.config.trace.seconds * SECOND // (_SEGMENTS - 1)
         self._plc = len(daemon.networks)
+        self._unwritten_ns = _UNWRITTEN_NS - daemon.cycle_ns if daemon.cycle_ns < _SHORT_NS else 0
         self._is_profinet = daemon.config.transport.type == "profinet"
         self.lost = 0
         """Cycles that could not be written."""
@@ -80,9 +85,14 @@ class FlightRecorder:
         self._file = -1
         self._segments: list[Path] = []
         self._blocks: list[bytes] = []
+        """What is not written yet."""
         self._times: list[int] = []
-        """Of the blocks that the next piece has before its step."""
+        """Of those since the last cycle."""
+        self._cycles: list[int] = []
+        """The begin of the cycles that are not written yet."""
         self._steps: list[StepRecord] = []
+        self._shortest = 0
+        """Bytes of a cycle in which only the frames have changed something."""
         try:
             self.path, self._lock = _prepared(directory, name)
         except OSError as error:
@@ -109,7 +119,6 @@ class FlightRecorder:
             network.tap = None
         self._link.recorder = None
         self._daemon.watch.listeners.remove(self)
-        self._write(b"".join(self._blocks))
         self._close()
         with contextlib.suppress(OSError):
             (self.path / "ended").touch()
@@ -139,16 +148,18 @@ class FlightRecorder:
             for step in self._steps:
                 step.forget()
         response = 0
-        pieces, wall = self._blocks, self._wall
+        blocks, times, wall = self._blocks, self._times, self._wall
+        first = len(blocks) - len(times)
         if answered and received:
             flags |= pcapng.ANSWERED
             response = (answered - now) // US
-            place = bisect_left(self._times, answered)
-            pieces.insert(place, pcapng.packet(self._plc, answered + wall, self._sent(sent)))
+            place = first + bisect_left(times, answered)
+            blocks.insert(place, pcapng.packet(self._plc, answered + wall, self._sent(sent)))
         if accepted:
             flags |= pcapng.FRESH
-            place = bisect_left(self._times, now)
-            pieces.insert(place, pcapng.packet(self._plc, now + wall, self._received(received, sent)))
+            place = first + bisect_left(times, now)
+            blocks.insert(place, pcapng.packet(self._plc, now + wall, self._received(received, sent)))
+        times.clear()
         self._number += 1
         content = [_PACK_HEAD(self._number, now, wall, flags, response)]
         try:
@@ -157,10 +168,12 @@ class FlightRecorder:
             self.lost += 1
             self._whole = True
         else:
-            pieces.append(pcapng.custom(pcapng.CYCLE, b"".join(content)))
-        self._write(b"".join(pieces))
-        pieces.clear()
-        self._times.clear()
+            packed = b"".join(content)
+            blocks.append(pcapng.custom(pcapng.CYCLE, packed))
+            self._cycles.append(now)
+            if accepted and len(packed) == self._shortest and now - self._cycles[0] < self._unwritten_ns:
+                return
+        self._flush()
         if now >= self._anchor_due:
             self._anchor(now)
         if self._size >= self._limit or now - self._began >= self._age_ns:
@@ -180,6 +193,7 @@ class FlightRecorder:
         self._token = self._link.layout_token
         known = {step.machine for step in self._steps}
         self._steps = [step_record(item) for item in daemon.objects]
+        self._shortest = pcapng.CYCLE_HEAD.size + pcapng.MASK.size * len(self._steps)
         for step in self._steps:
             if step.machine not in known:
                 step.begin()
@@ -198,7 +212,7 @@ class FlightRecorder:
         self._began, self._size = now, 0
         if self._file >= 0:
             self._segments.append(path)
-            self._write(self._head())
+            self._write(self._head(), 0)
         self._first = False
         while len(self._segments) > _SEGMENTS:
             with contextlib.suppress(OSError):
@@ -220,10 +234,17 @@ class FlightRecorder:
         text = json.dumps(to_json(description)).encode()
         return pcapng.section(self.configuration, description.buses) + pcapng.custom(pcapng.DESCRIPTION, text)
 
-    def _write(self, piece: bytes) -> None:
-        """Append a piece, whole or not at all: the memory may be full."""
+    def _flush(self) -> None:
+        """Write what is not written yet."""
+        self._write(b"".join(self._blocks), len(self._cycles))
+        self._blocks.clear()
+        self._times.clear()
+        self._cycles.clear()
+
+    def _write(self, piece: bytes, cycles: int) -> None:
+        """Append a piece with a number of cycles, whole or not at all: the memory may be full."""
         if self._file < 0:
-            self.lost += 1
+            self.lost += cycles
             return
         try:
             written = os.write(self._file, piece)
@@ -232,13 +253,14 @@ class FlightRecorder:
         if written == len(piece):
             self._size += written
             return
-        self.lost += 1
+        self.lost += cycles
         with contextlib.suppress(OSError):
             os.ftruncate(self._file, self._size)
         self._whole = True
 
     def _close(self) -> None:
         if self._file >= 0:
+            self._flush()
             os.close(self._file)
             self._file = -1
 

@@ -148,6 +148,28 @@ def test_full_memory_loses_cycles_and_nothing_else(tmp_path: Path, monkeypatch: 
         assert len(reader.cycles()) == plc.daemon.cycles - count
 
 
+def test_short_cycles_are_written_together_and_at_once_with_an_event(tmp_path: Path) -> None:
+    with recorded(configuration(axis(1), transport="cycle_time_ms = 1\nwatchdog_factor = 255"), tmp_path) as plc:
+        turn(plc)
+        reader = RingReader(ring(plc).path)
+        behind = set()
+        for _ in range(100):
+            plc.exchange()
+            behind.add(plc.daemon.cycles - reader.newest_cycle)
+        assert behind == set(range(10))
+        for word in (0x047E, 0x047F):
+            plc.endpoint.set(0, {"STW1": word})
+            reason = plc.daemon.axes[0].reason
+            while plc.daemon.axes[0].reason is reason:
+                plc.exchange()
+            assert plc.daemon.cycles == reader.newest_cycle
+        plc.silent = True
+        plc.exchange(5)
+        assert plc.daemon.cycles == reader.newest_cycle
+    assert not ring(plc).lost
+    assert [cycle.number for cycle in reader.cycles()] == list(range(1, plc.daemon.cycles + 1))
+
+
 def test_a_truncated_segment_leaves_the_axis_in_operation(tmp_path: Path) -> None:
     with recorded(configuration(axis(1)), tmp_path) as plc:
         turn(plc)
