@@ -1,4 +1,4 @@
-"""``python -m tests.long.bench [exchange|profinet|stops|decode ...]`` (``make bench``): print the tables, all without names.
+"""``python -m tests.long.bench [counts|exchange|profinet|stops|decode ...]`` (``make bench``): print the tables.
 
 ``--realtime``: all processes with real-time priority (Linux; root or CAP_SYS_NICE). ``--seconds``: time for each row.
 """
@@ -20,9 +20,9 @@ from rich.table import Table
 
 from pdgw.gateway.identity import interpreter, kind
 from pdgw.tools.demo import namespaces
-from tests.long.bench import decoding, exchange, profinet, stops
+from tests.long.bench import counting, decoding, exchange, profinet, stops
 
-_TABLES = ("exchange", "profinet", "stops", "decode")
+_TABLES = ("counts", "exchange", "profinet", "stops", "decode")
 _PRIORITY = 10
 
 
@@ -57,6 +57,8 @@ def main() -> None:
         f"{os.cpu_count()} cores, {'real-time' if chosen.realtime else 'usual'} priority",
         flush=True,
     )
+    if "counts" in names:
+        _print("counts of a cycle, which no other work on the machine changes", counting.TITLES, counting.rows())
     if "exchange" in names:
         title = "cyclic exchange over UDP: until the answer is at the client"
         _print(title, exchange.TITLES, exchange.rows(chosen.seconds))

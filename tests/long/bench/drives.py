@@ -10,6 +10,8 @@ import os
 import selectors
 import sys
 import time
+from collections.abc import Callable
+from typing import Protocol
 
 from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.communication import NMT, SDO_REQUEST
@@ -28,17 +30,24 @@ _TPDO, _RPDO = 0x180, 0x200
 _POLL_NS = 20 * MS
 
 
+class Wire(Protocol):
+    """Connects drives with their bus, as ``Hub`` does."""
+
+    def attach(self, receive: Callable[[bytes], None]) -> Callable[[bytes], object]: ...
+
+
 class IdealDrives:
     """The drives of one bus, node-IDs 1 to ``count``."""
 
-    def __init__(self, bus: Hub, count: int) -> None:
+    def __init__(self, bus: Wire, count: int, clock: Callable[[], int] = time.monotonic_ns) -> None:
+        self._clock = clock
         self._send = bus.attach(self._receive)
         self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
         self._ideal: dict[int, tuple[Pdo, Pdo]] = {}
         """RPDO and TPDO by node-ID, of drives that answer. The other drives send their first TPDO by themselves."""
         self._command, self._feedback = DriveCommand(), DriveFeedback()
         for node in self._nodes:
-            node.start(time.monotonic_ns())
+            node.start(clock())
 
     def poll(self, now: int) -> None:
         """Send the heartbeats that are due."""
@@ -65,7 +74,7 @@ class IdealDrives:
         identifier, content = unpack_frame(frame)
         request = can_id & _SERVICE == SDO_REQUEST
         for drive in [self._nodes[(can_id & _NODE) - 1]] if request else self._nodes:
-            drive.receive(identifier, content, time.monotonic_ns())
+            drive.receive(identifier, content, self._clock())
 
     def _begin(self, node: int) -> tuple[Pdo, Pdo]:
         """From now on the drive is ideal, with the PDOs it was configured with."""

@@ -1,0 +1,507 @@
+"""What a cycle of the gateway takes, in counts, which no other work on the machine changes: bytecodes and calls into C, or the
+instructions of a compiled gateway by callgrind.
+
+The gateway has real sockets and ideal drives. Its clock stops while the gateway or anything else works. Only the gateway is
+counted. ``python -m tests.long.bench.counting ROW [off]`` is the process that callgrind runs; ``off``: without recorder.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import selectors
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final, NamedTuple, Protocol
+
+from pdgw.ds301.bus.port import SocketPort
+from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.readiness import READABLE, best_readiness
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.identity import COMPILED, kind
+from pdgw.gateway.links.profinet.io_device import ProfinetLink
+from pdgw.gateway.platform import SystemPlatform
+from pdgw.gateway.trace.recorder import FlightRecorder
+from pdgw.peers.controller.controller import IoController
+from pdgw.peers.controller.project import Project
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.model import TELEGRAM_SUBSLOT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
+from pdgw.profinet.station import Identity, Station
+from tests.long.bench.drives import IdealDrives
+from tests.support.gateways.daemon import POSITIONER
+from tests.support.wire.ethernet import FakeEthernet
+from tests.support.wire.profinet import DEVICE_IP, PLC_MAC
+
+LIMITS: Final = Path(__file__).with_name("counts.toml")
+_BEGIN_NS: Final = 10 * SECOND
+_PHASE_NS: Final = 300 * MS
+"""Counting begins this time after a whole second: all values are recorded once a second."""
+_OPERATED_NS: Final = SECOND
+_POLL_NS: Final = 20 * MS
+_NEVER: Final = 1 << 62
+_OFF, _ON = 0x047E, 0x047F
+_STATE, _READY, _OPERATION = 0x4F, 0x01, 0x07
+
+
+class Row(NamedTuple):
+    """A gateway. ``cycles``: the number of those that are counted with bytecodes. Without PLC it is idle."""
+
+    axes: int
+    per_bus: int
+    cycle_ms: float
+    cycles: int
+    telegram: int = 1
+    link: str = "udp"
+
+
+ROWS: Final = {
+    "1 axis, 1 ms": Row(1, 3, 1, 200),
+    "8 axes, 1 ms": Row(8, 3, 1, 50),
+    "64 axes, 4 ms": Row(64, 3, 4, 10),
+    "30 axes on one bus, 10 ms": Row(30, 30, 10, 10),
+    "telegram 111, 4 ms": Row(1, 3, 4, 100, telegram=111),
+    "PROFINET, 1 ms": Row(1, 3, 1, 200, link="profinet"),
+    "idle": Row(8, 3, 4, 25, link=""),
+}
+INSTRUCTIONS: Final = ("1 axis, 1 ms", "8 axes, 1 ms", "64 axes, 4 ms", "30 axes on one bus, 10 ms")
+"""Rows that callgrind counts for `make bench`."""
+_INSTRUCTION_CYCLES: Final = 400
+
+
+class Counter(Protocol):
+    """Counts what runs after ``resume`` and until ``pause``."""
+
+    def begin(self) -> None: ...
+
+    def resume(self) -> None: ...
+
+    def pause(self) -> None: ...
+
+    def end(self) -> None: ...
+
+
+class Bus:
+    """A bus between one gateway and the drives: ``attach`` as a hub has it."""
+
+    def __init__(self, readers: selectors.BaseSelector) -> None:
+        self.socket, self._other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._other.setblocking(False)
+        self._readers = readers
+
+    def attach(self, receive: Callable[[bytes], None]) -> Callable[[bytes], object]:
+        def take() -> None:
+            try:
+                while True:
+                    receive(self._other.recv(64))
+            except BlockingIOError:
+                return
+
+        self._readers.register(self._other, selectors.EVENT_READ, take)
+        return self._other.send
+
+    def shutdown(self) -> None:
+        """Of python-can's buses."""
+        self.socket.close()
+        self._other.close()
+
+
+class Cable(FakeEthernet):
+    """An Ethernet interface whose frames wake the loop."""
+
+    def start(
+        self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
+    ) -> None:
+        super().start(on_real_time, on_other, on_link)
+        self._signal, self._end = socket.socketpair()
+        self.loop.add_reader(self._signal.fileno(), on_real_time, urgent=True)
+
+    @property
+    def ready(self) -> list[tuple[int, int]]:
+        """As a descriptor."""
+        return [(self._signal.fileno(), READABLE)] if self.real_time else []
+
+    def _received(self) -> None:
+        """The loop calls it."""
+
+    def close(self) -> None:
+        super().close()
+        self._signal.close()
+        self._end.close()
+
+
+class Plc:
+    """Brings all axes into operation, then sends another setpoint in each cycle."""
+
+    def __init__(self, row: Row) -> None:
+        self.endpoint = PlcEndpoint([telegram(row.telegram)] * row.axes, round(row.cycle_ms * MS))
+        self._cycles = 0
+        self.operates = False
+        self._value = next(name for name in ("NSOLL_A", "OVERRIDE") if name in self.endpoint.setpoints[0])
+
+    def step(self) -> None:
+        """The setpoints of the next cycle."""
+        self._cycles += 1
+        states = [0 if item is None else item["ZSW1"] & _STATE for item in self.endpoint.actuals]
+        self.operates = all(state == _OPERATION for state in states)
+        size = (self._cycles % 64 // 2 + 1) * 128
+        for axis, state in enumerate(states):
+            if not self._cycles % 10 or self.operates:
+                word = _ON if state & _READY else _OFF
+                value = size if self._cycles % 2 or self._value == "OVERRIDE" else -size
+                self.endpoint.set(axis, {"STW1": word, self._value: value if self.operates else 0})
+
+
+class UdpPlc(Plc):
+    """Over UDP."""
+
+    def __init__(self, row: Row, readers: selectors.BaseSelector) -> None:
+        super().__init__(row)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._readers = readers
+        self._period = round(row.cycle_ms * MS)
+        self._due = 0
+
+    def start(self, daemon: Daemon, now: int) -> None:
+        """Send from now on."""
+        self._daemon, self._due = daemon, now
+        self._readers.register(self._socket, selectors.EVENT_READ, self._take)
+
+    def _take(self) -> None:
+        self.endpoint.receive(self._socket.recv(4096), self._daemon.loop.now())
+
+    def poll(self, now: int) -> int:
+        """Send what is due; when to call again."""
+        if now >= self._due:
+            self._due += self._period
+            self.step()
+            self._socket.sendto(self.endpoint.build(now), self._daemon.address)
+        return self._due
+
+    def close(self) -> None:
+        self._readers.unregister(self._socket)
+        self._socket.close()
+
+
+class ProfinetPlc(Plc):
+    """An IO controller."""
+
+    def __init__(self, row: Row, cable: Cable) -> None:
+        super().__init__(row)
+        self._cable = cable
+        self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, row.axes + 1)]
+        self._period = round(row.cycle_ms * MS)
+        self._due = 0
+
+    def start(self, daemon: Daemon, now: int) -> None:
+        """Connect."""
+        assert isinstance(daemon.link, ProfinetLink)
+        station = Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1")
+        modules = daemon.link.device.model.modules
+        project = Project("press-1", modules, reduction_ratio=self._period // MS, data_hold=100)
+        self._controller = IoController(station, project, DEVICE_IP)
+        self._controller.start(now)
+        self._due = now
+
+    def poll(self, now: int) -> int:
+        """Exchange what is due; when to call again."""
+        controller, cable = self._controller, self._cable
+        while cable.sent:
+            address, data = cable.sent.popleft()
+            if address is None:
+                controller.on_frame(data, now)
+            else:
+                controller.on_datagram(data, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
+        if now >= self._due:
+            self._due += self._period
+            self._exchange(now)
+        controller.poll(now)
+        for target, frame in controller.outgoing():
+            cable.arrive(target, bytes(frame))
+        due = controller.next_deadline()
+        return self._due if due is None else max(now + 1, min(due, self._due))
+
+    def _exchange(self, now: int) -> None:
+        controller, endpoint = self._controller, self.endpoint
+        values = [controller.input(place) for place in self._places]
+        decoded = [
+            None if data is None else item.actuals.decode(data)
+            for item, data in zip(endpoint.telegrams, values, strict=True)
+        ]
+        endpoint.accept(decoded, [controller.uses(place) for place in self._places], now)
+        self.step()
+        if controller.provider is not None:
+            for item, place, values_ in zip(endpoint.telegrams, self._places, endpoint.setpoints, strict=True):
+                controller.set_output(place, item.setpoints.encode(tuple(values_.values())))
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class _Counted(BaseException):
+    """All is counted."""
+
+
+class Machine(SystemPlatform):
+    """A computer whose clock stops while anything works, and jumps to the next event if nothing does."""
+
+    def __init__(self, row: Row, counter: Counter, cycles: int) -> None:
+        self._time = [_BEGIN_NS]
+        self._clock: Callable[[], int] = partial(list.__getitem__, self._time, 0)
+        self._system = best_readiness()
+        self.watch, self.close = self._system.watch, self._system.close
+        self.loop = SystemLoop(self, self._clock)
+        self._readers = selectors.DefaultSelector()
+        self._counter = counter
+        self._limit = cycles
+        self._row = row
+        self._buses = [Bus(self._readers) for _ in range(0, row.axes, row.per_bus)]
+        self._drives = [
+            IdealDrives(bus, min(row.per_bus, row.axes - number * row.per_bus), self._clock)
+            for number, bus in enumerate(self._buses)
+        ]
+        self.cable = Cable(self.loop)
+        self._plc: UdpPlc | ProfinetPlc | None = None
+        if row.link:
+            self._plc = UdpPlc(row, self._readers) if row.link == "udp" else ProfinetPlc(row, self.cable)
+        self._plc_due = _NEVER
+        self._poll_due = _BEGIN_NS
+        self._begin_at = _NEVER
+        self._first = -1
+        """Number of cycles at the begin of the count."""
+        self.cycles = 0
+
+    def open_can(self, config: CanConfig) -> SocketPort:
+        return SocketPort(self.loop, self._buses[int(str(config.channel))])  # type: ignore[arg-type]
+
+    def run(self, daemon: Daemon) -> None:
+        """Until all is counted."""
+        self._daemon = daemon
+        try:
+            daemon.run()
+        except _Counted:
+            pass
+        finally:
+            if self._plc is not None:
+                self._plc.close()
+            self._readers.close()
+
+    # -- readiness of the loop --------------------------------------------------------------------------------------------
+
+    def wait(self, seconds: float) -> list[tuple[int, int]]:
+        """All but the gateway works until the gateway has something to do."""
+        if self._first >= 0:
+            self._counter.pause()
+            self.cycles = self._daemon.cycles - self._first
+            if self.cycles >= self._limit:
+                self._counter.end()
+                self._first = -1
+                raise _Counted
+        until = self._time[0] + int(seconds * SECOND)
+        while not self._works() and self._time[0] < until:
+            self._advance(until)
+        self._begin()
+        if self._first >= 0:
+            self._counter.resume()
+        return (self.cable.ready if self._row.link == "profinet" else []) + self._system.wait(0)
+
+    def _works(self) -> bool:
+        """The devices react; whether the gateway has something to do."""
+        for key, _ in self._readers.select(0):
+            key.data()
+        return bool(self._system.wait(0)) or (self._row.link == "profinet" and bool(self.cable.real_time))
+
+    def _advance(self, until: int) -> None:
+        """To the next event."""
+        now = self._time[0] = max(self._time[0], min(until, self._poll_due, self._plc_due))
+        if now >= self._poll_due:
+            self._poll_due += _POLL_NS
+            for drives in self._drives:
+                drives.poll(now)
+        if self._plc is not None and now >= self._plc_due:
+            self._plc_due = self._plc.poll(now)
+
+    def _begin(self) -> None:
+        """Begin to count in the right moment."""
+        now, daemon = self._time[0], self._daemon
+        if self._begin_at == _NEVER and all(axis.drive.generation for axis in daemon.axes):
+            if self._plc is not None and self._plc_due == _NEVER:
+                self._plc.start(daemon, now)
+                self._plc_due = now
+            if self._plc is None or self._plc.operates:
+                self._begin_at = now + _OPERATED_NS
+        is_phase = now % SECOND // MS == _PHASE_NS // MS
+        if self._first < 0 and now >= self._begin_at and is_phase and not self.cycles:
+            self._first = daemon.cycles
+            self._counter.begin()
+
+
+def configuration(row: Row) -> str:
+    """Of the gateway of a row."""
+    kind_ = 'type = "profinet"\ninterface = "eth1"\nstation_name = "press-1"\n' if row.link == "profinet" else ""
+    ports = "" if kind_ else "watchdog_factor = 255\ncyclic_port = 0\nacyclic_port = 0\n"
+    text = f"[transport]\ncycle_time_ms = {row.cycle_ms:g}\nstatus_port = 0\n{kind_}{ports}"
+    for bus in range(0, row.axes, row.per_bus):
+        number = bus // row.per_bus
+        text += f'[[can]]\nname = "can{number}"\ninterface = "socketcan"\nchannel = "{number}"\n'
+    for axis in range(row.axes):
+        text += f'[[axis]]\ndo_id = {axis + 1}\nnode_id = {axis % row.per_bus + 1}\ncan = "can{axis // row.per_bus}"\n'
+        # The ideal drive sends TPDOs only as answers.
+        text += f"telegram = {row.telegram}\ntpdo_event_ms = 10000\nheartbeat_ms = 1000\n"
+        text += POSITIONER if row.telegram == 111 else ""
+    return text
+
+
+def count(row: Row, counter: Counter, cycles: int, *, record: bool = True) -> None:
+    """Count this number of cycles."""
+    machine = Machine(row, counter, cycles)
+    daemon = Daemon(parse_config(configuration(row)), machine, machine.cable if row.link == "profinet" else None)
+    with tempfile.TemporaryDirectory() as folder:
+        if record:
+            daemon.services.append(FlightRecorder(daemon, Path(folder), "count"))
+        machine.run(daemon)
+
+
+# Bytecodes and calls into C of a gateway that is not compiled.
+
+
+class Bytecodes:
+    """``recorder``: the bytecodes of the flight recorder."""
+
+    def __init__(self) -> None:
+        self.bytecodes = self.calls = self.recorder = 0
+
+    def begin(self) -> None:
+        """Nothing is to be prepared."""
+
+    def resume(self) -> None:
+        sys.setprofile(self._called)
+        sys.settrace(self._entered)
+
+    def pause(self) -> None:
+        sys.settrace(None)
+        sys.setprofile(None)
+
+    def end(self) -> None:
+        """All is counted."""
+
+    def _entered(self, frame: FrameType, event: str, _: Any) -> Any:
+        module = _module(frame)
+        if not module.startswith("pdgw."):
+            return None
+        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        return self._of_recorder if module.startswith("pdgw.gateway.trace") else self._executed
+
+    def _executed(self, _: FrameType, event: str, __: Any) -> Any:
+        self.bytecodes += event == "opcode"
+        return self._executed
+
+    def _of_recorder(self, _: FrameType, event: str, __: Any) -> Any:
+        self.bytecodes += event == "opcode"
+        self.recorder += event == "opcode"
+        return self._of_recorder
+
+    def _called(self, frame: FrameType, event: str, _: Any) -> None:
+        self.calls += event == "c_call" and _module(frame).startswith("pdgw.")
+
+
+def _module(frame: FrameType) -> str:
+    """Generated functions have no module: they belong to their callers."""
+    return str(frame.f_globals.get("__name__") or (frame.f_back or frame).f_globals["__name__"])
+
+
+class Taken(NamedTuple):
+    """Of a cycle: bytecodes, calls into C, percentage of the bytecodes that is the recorder's."""
+
+    bytecodes: int
+    calls: int
+    recorder: int
+
+
+def taken(row: Row) -> Taken:
+    """What a cycle of a row takes, with the recorder."""
+    counter = Bytecodes()
+    count(row, counter, row.cycles)
+    share = round(100 * counter.recorder / counter.bytecodes)
+    return Taken(counter.bytecodes // row.cycles, counter.calls // row.cycles, share)
+
+
+# Instructions of a compiled gateway.
+
+
+class Callgrind:
+    """Of the process that callgrind runs; ``library``: callgrind.c."""
+
+    def __init__(self, library: str) -> None:
+        made = ctypes.CDLL(library)
+        self.begin, self.end = made.begin, made.end
+        self.resume = self.pause = made.toggle
+
+
+def missing() -> str:
+    """Why instructions cannot be counted; empty: they can."""
+    if kind() != COMPILED:
+        return "instructions are those of a compiled gateway: make test COMPILED=1"
+    absent = [program for program in ("valgrind", "cc") if shutil.which(program) is None]
+    return f"not installed: {', '.join(absent)}" if absent else ""
+
+
+def interpreter() -> str:
+    """What the instructions depend on beside the gateway."""
+    return f"{platform.python_implementation()} {platform.python_version()} {platform.machine()} {'-'.join(platform.libc_ver())}"
+
+
+def instructions(name: str, *, record: bool = True) -> int:
+    """User instructions of a cycle of a row."""
+    with tempfile.TemporaryDirectory() as folder:
+        library, out = Path(folder) / "callgrind.so", Path(folder) / "out"
+        source = Path(__file__).with_name("callgrind.c")
+        subprocess.run(["cc", "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
+        command = ["valgrind", "--tool=callgrind", "--instr-atstart=no", "--collect-atstart=no"]
+        command += [f"--callgrind-out-file={out}", sys.executable, "-m", __name__, name, str(library)]
+        environment = os.environ | {"PYTHONHASHSEED": "0", "PYTHONSAFEPATH": "1"}
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+        subprocess.run([*command, *([] if record else ["off"])], check=True, capture_output=True, env=environment)
+        (dump,) = out.parent.glob("out.*")
+        (total,) = (line.split()[1] for line in dump.read_text().splitlines() if line.startswith("totals:"))
+    return int(total) // _INSTRUCTION_CYCLES
+
+
+# The table of `make bench`, and the limits.
+
+
+TITLES: Final = ("row", "bytecodes", "calls into C", "instructions", "recorder")
+
+
+def limits() -> dict[str, dict[str, Any]]:
+    """The counts that a test allows: by version of Python and row, and the ``instructions`` of one row."""
+    return tomllib.loads(LIMITS.read_text(encoding="utf-8"))
+
+
+def rows() -> Iterator[tuple[str, ...]]:
+    """The lines of the table: of a gateway that is not compiled, or of a compiled one."""
+    for name, row in ROWS.items():
+        if kind() != COMPILED:
+            found = taken(row)
+            yield name, str(found.bytecodes), str(found.calls), "", f"{found.recorder} %"
+        elif name in INSTRUCTIONS and not missing():
+            on, off = instructions(name), instructions(name, record=False)
+            yield name, "", "", f"{on / 1000:.0f} k", f"{100 * (on - off) / on:.0f} %"
+
+
+if __name__ == "__main__":
+    count(ROWS[sys.argv[1]], Callgrind(sys.argv[2]), _INSTRUCTION_CYCLES, record="off" not in sys.argv)
