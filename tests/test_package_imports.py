@@ -172,7 +172,7 @@ BUDGET = {
     "peers.node": 9906,
     "peers.drive": 4159,
     "peers.drive.model": 10359,
-    "peers.encoder": 3926,
+    "peers.encoder": 3929,
     "peers.bus": 2103,
     "peers.plc.exchange": 2682,
     "peers.plc": 11854,

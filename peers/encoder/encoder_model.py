@@ -188,7 +188,7 @@ class EncoderModel:
         fault = ENCODER_FAULTS.get(str(name))
         if fault is None:
             raise Dsp406Error("encoder fault", name, f"one of {', '.join(ENCODER_FAULTS)}")
-        self._raise(name, fault)
+        self._raise(str(name), fault)
 
     def clear(self, name: str | None = None) -> None:
         """Remove a cause, or all of them without a name; no error if it is not present.
