@@ -126,7 +126,7 @@ class Reason(enum.Enum):
         "quick stop in progress",
         _S.OFF,
         _E.ON_EDGE,
-        "STW1.2 = 1, then OFF and ON",
+        "wait for standstill; then OFF and ON",
     )
     COAST_STOP = (
         "STW1.1 = 0: coast stop",

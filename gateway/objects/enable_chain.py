@@ -351,7 +351,8 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
     if missing is not None:
         cause = axis.cause if missing is Reason.SWITCHED_OFF else None
         if cause is None:
-            chain.breaks(missing)
+            bits = Missing.of(name, word, *_HELD).set_to(1) if missing in _HELD else ""
+            chain.breaks(missing, remedy=bits and f"{bits}, then OFF and ON")
         else:
             origin = Origin.of(cause.record)
             text = f"not acknowledged: {chain.since(origin)}"

@@ -52,6 +52,17 @@ def test_a_drive_held_off_names_the_bits_that_are_0_alone(bits: tuple[int, ...])
         assert named(link.evidence) == set(bits)
 
 
+@pytest.mark.parametrize("bits", [(1,), (2,), (1, 2)], ids=str)
+def test_a_drive_that_is_off_names_the_bits_of_its_stop_alone(bits: tuple[int, ...]) -> None:
+    with in_operation() as (daemon, plc):
+        clear_bits(plc, 1 | sum(1 << bit for bit in bits))
+        run_out(plc)
+        link = daemon.axes[0].enable_status.broken
+        assert link is not None
+        assert link.reason in (Reason.COAST_STOP, Reason.QUICK_STOP)
+        assert named(link.remedy) == set(bits)
+
+
 def test_missing_bits_are_one_equation() -> None:
     missing = Missing.of("STW1", 0x0404, Reason.COAST_STOP, Reason.QUICK_STOP, Reason.ENABLE_MISSING)
     assert missing.set_to(0) == "STW1.1 = STW1.3 = 0"
