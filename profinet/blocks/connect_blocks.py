@@ -14,7 +14,23 @@ from uuid import UUID
 
 from pdgw.durations import MS
 from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX
-from pdgw.profinet.wire import Block, Check, Structure, align, array, between, octets, one_of, text, u8, u16, u32, uuid
+from pdgw.profinet.wire import (
+    Block,
+    Check,
+    Structure,
+    align,
+    array,
+    between,
+    octets,
+    one_of,
+    padding,
+    rest,
+    text,
+    u8,
+    u16,
+    u32,
+    uuid,
+)
 
 
 class ArType(enum.IntEnum):
@@ -245,6 +261,44 @@ class ExpectedSubmoduleBlockReq(Block):
 
 
 @dataclass(frozen=True, kw_only=True)
+class IrIocr(Structure):
+    """Subframe of an IOCR of IRT."""
+
+    reference: int = u16()
+    subframe_offset: int = u16()
+    subframe_data: int = u32()
+
+
+@dataclass(frozen=True, kw_only=True)
+class IrInfoBlock(Block):
+    """The data of IRT for a relationship."""
+
+    TYPE: ClassVar[int] = 0x0109
+    pad: None = padding(2)
+    ir_data_uuid: UUID = uuid()
+    pad_2: None = padding(2)
+    iocrs: tuple[IrIocr, ...] = array(IrIocr)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SrInfoBlock(Block):
+    """System redundancy."""
+
+    TYPE: ClassVar[int] = 0x010A
+    redundancy_data_hold_factor: int = u16()
+    properties: int = u32()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArFsuBlock(Block):
+    """Fast start-up: its parameters as a block."""
+
+    TYPE: ClassVar[int] = 0x010B
+    pad: None = padding(2)
+    blocks: bytes = rest()
+
+
+@dataclass(frozen=True, kw_only=True)
 class ArBlockRes(Block):
     """The relationship is granted."""
 
@@ -357,5 +411,5 @@ REQUESTS: Final[dict[int, type[Block]]] = {
 }
 REFUSED_BLOCKS: Final[dict[int, int]] = {0x0105: 0x05, 0x0106: 0x06}
 """PrmServer and MCR are not served: ErrorCode1 of each; ErrorCode2 is 4, its first field."""
-IGNORED_BLOCKS: Final = frozenset({0x0107, 0x0108, 0x0109, 0x010B})
+IGNORED_BLOCKS: Final = frozenset({0x0107, 0x0108, IrInfoBlock.TYPE, ArFsuBlock.TYPE})
 """ARRPC, ARVendor, IRInfo and FSU change nothing here."""

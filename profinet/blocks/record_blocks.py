@@ -68,6 +68,13 @@ class ImFilterSubmodules(IdentificationData):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ImFilterModules(IdentificationData):
+    """Modules with I&M of their own."""
+
+    TYPE: ClassVar[int] = 0x0031
+
+
+@dataclass(frozen=True, kw_only=True)
 class ImFilterDevice(IdentificationData):
     """The submodule whose I&M is that of the device."""
 

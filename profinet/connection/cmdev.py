@@ -63,6 +63,59 @@ class AbortCode(enum.IntEnum):
         return PnioStatus(_RTA_ERROR, _RTA_PROTOCOL, _RTA_ERR_CLS, self)
 
 
+ABORT_TEXTS: Final = (
+    "wrong sequence number",
+    "instance closed",
+    "out of memory",
+    "no provider or consumer could be added",
+    "data hold time expired",
+    "activity timeout",
+    "alarm relationship not opened",
+    "alarm not acknowledged",
+    "acknowledgement of an alarm not sent",
+    "alarm data too long",
+    "error of an alarm",
+    "call of the device refused or not answered",
+    "requested",
+    "the controller connects again",
+    "Release received",
+    "device deactivated",
+    "relationship removed",
+    "protocol violation",
+    "name not resolved",
+    "RPC bind error",
+    "Connect error",
+    "Read error",
+    "Write error",
+    "Control error",
+    "forbidden pull or plug before the first data",
+    "application removed",
+    "link down",
+    "multicast address not registered",
+    "not synchronised",
+    "wrong topology",
+    "station name changed",
+    "reset to factory settings",
+    "submodule of the first relationship prevents a companion",
+    "no IRT data yet",
+    "error of the interface or a port",
+    "no port with the required speed or duplex mode",
+    "IP suite of the controller changed",
+    "redundancy data hold time expired",
+    "interface or port cannot be parameterised",
+    "no application ready in time",
+    "redundant interface or access to the periphery impossible",
+    "maximum takeover time expired",
+    "protocol violation of a redundant relationship",
+    "port plugged without its parameters",
+    "network configuration missing or wrong",
+)
+"""ErrorCode2 of an alarm ERR PDU from 1 as text; ``AbortCode`` has those that the device sends.
+
+Source: IEC 61158-6-10, as tshark has them.
+"""
+
+
 class State(enum.Enum):
     """States of a relationship."""
 

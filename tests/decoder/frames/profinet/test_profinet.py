@@ -17,10 +17,10 @@ from scapy.layers.l2 import Ether
 from pdgw.durations import MS
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.connection.cmdev import Event
+from pdgw.profinet.connection.cmdev import ABORT_TEXTS, Event
 from pdgw.profinet.model import INTERFACE_SUBSLOT, PORT_SUBSLOT
 from pdgw.profinet.records.device_records import Index
-from pdgw.profinet.rpc.records import BlockType, RecordBlock
+from pdgw.profinet.rpc.records import BlockType, PnioStatus, RecordBlock
 from pdgw.profinet.wire import VERSION_SIZE
 from pdgw.tools.decoder.frames.engine import Decoder, Packet, Settings, given_axes
 from pdgw.tools.decoder.frames.fields import Document
@@ -33,6 +33,7 @@ from pdgw.tools.decoder.frames.profinet.connect import (
     RelationRecord,
     read_request,
 )
+from pdgw.tools.decoder.frames.profinet.frames import _abort_text
 from pdgw.tools.decoder.frames.records import AcyclicRecord, CyclicRecord, LinkType, OtherRecord, Record
 from tests.profinet.test_readers import session
 from tests.support.readers import tshark, tshark_frames
@@ -310,3 +311,52 @@ def test_a_connect_without_its_answer_has_no_addresses_and_one_without_cyclic_da
     assert connection.addresses(Direction.ACTUAL) is None
     assert connection.controller == ""
     assert connection.answered(b"").device_mac is None
+
+
+@pytest.mark.parametrize("code", range(1, 46))
+def test_each_code_of_an_alarm_err_has_words_of_its_own(code: int) -> None:
+    assert len(set(ABORT_TEXTS)) >= 44
+    text = _abort_text(PnioStatus(0xCF, 0x81, 0xFD, code))
+    assert text.endswith(f" (CF 81 FD {code:02X})")
+    assert not text.startswith("error (")
+
+
+def test_unknown_code_of_an_alarm_err_is_shown_as_bytes() -> None:
+    assert [_abort_text(PnioStatus(0xCF, 0x81, 0xFD, code)) for code in (0, 46, 255)] == [
+        "error (CF 81 FD 00)",
+        "error (CF 81 FD 2E)",
+        "error (CF 81 FD FF)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("data", "name", "fields"),
+    [
+        (
+            "0031 0012 0100 0001 00000000 0001 0002 00000007 0000",
+            "ImFilterModules",
+            {"apis": [{"api": 0, "slots": [{"slot": 2, "ident": 7, "submodules": []}]}]},
+        ),
+        (
+            "0109 0020 0100 0000 00112233445566778899aabbccddeeff 0000 0001 0001 0000 00000102",
+            "IrInfoBlock",
+            {
+                "ir_data_uuid": "00112233-4455-6677-8899-aabbccddeeff",
+                "iocrs": [{"reference": 1, "subframe_offset": 0, "subframe_data": 0x102}],
+            },
+        ),
+        (
+            "010a 0008 0100 0003 00000001",
+            "SrInfoBlock",
+            {"redundancy_data_hold_factor": 3, "properties": 1},
+        ),
+        (
+            "010b 0014 0100 0000 0609 000c 0100 0000 00000002 00000000",
+            "ArFsuBlock",
+            {"blocks": [{"type": 0x609, "name": "block 0609h", "data": "00000000000200000000"}]},
+        ),
+    ],
+)
+def test_blocks_of_other_controllers_and_devices_are_read(data: str, name: str, fields: Document) -> None:
+    (block,) = documents(bytes.fromhex(data))
+    assert {key: block[key] for key in ("name", *fields)} == {"name": name, **fields}

@@ -121,7 +121,7 @@ def _block(kind: int, data: bytes) -> Document:
     except WireError as error:
         return document | {"error": str(error), "data": data[HEADER.size :].hex()}
     document |= fields_of(block)
-    if isinstance(block, MultipleBlock | PortData):
+    if isinstance(block, MultipleBlock | PortData | connect_blocks.ArFsuBlock):
         document["blocks"] = documents(block.blocks)
     elif isinstance(block, OutputData):
         document["blocks"] = documents(block.content[block.length + block.length_iocs + block.length_iops :])

@@ -13,7 +13,7 @@ from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.alarms.apmx import ALARM_FRAME_IDS, PDU, PduType
 from pdgw.profinet.blocks.alarm import NOTIFICATIONS, AlarmType, Priority
-from pdgw.profinet.connection.cmdev import AbortCode
+from pdgw.profinet.connection.cmdev import ABORT_TEXTS, AbortCode
 from pdgw.profinet.discovery import dcp, lldp
 from pdgw.profinet.discovery.dcp import Option, Service, ServiceType, SetError
 from pdgw.profinet.rpc.records import PnioStatus
@@ -250,8 +250,9 @@ def _block_text(block: Document) -> str:
 
 
 def _abort_text(status: PnioStatus) -> str:
-    is_abort = (status.code, status.decode, status.code1) == _ABORT
-    return f"{name_in(AbortCode, status.code2) if is_abort else ''} {status.text}".lstrip()
+    if (status.code, status.decode, status.code1) == _ABORT and 0 < status.code2 <= len(ABORT_TEXTS):
+        return f"{ABORT_TEXTS[status.code2 - 1]} ({status.codes})"
+    return status.text
 
 
 _ABORT: Final = (AbortCode.REQUESTED.status.code, AbortCode.REQUESTED.status.decode, AbortCode.REQUESTED.status.code1)
