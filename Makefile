@@ -104,6 +104,7 @@ docs: $(STAMP)
 	$(BIN)/python -m tests.support.documents.plc_blocks
 	$(BIN)/python -m tests.tools.test_plc_timing
 	$(BIN)/python -c "from tests.support.documents import statements; statements.write()"
+	$(BIN)/python -c "from tests.support.documents import deviations; deviations.write()"
 	$(BIN)/python -c "from tests.support.documents import situation_table; situation_table.write()"
 	$(BIN)/python -c "from tests.support.documents import stop_times; stop_times.write()"
 	$(BIN)/python -m pdgw.peers.drive.objects

@@ -22,6 +22,8 @@ from tests.decoder.frames.profinet.test_profinet import frames as profinet_frame
 from tests.support.axis.recorded import speed
 from tests.support.axis.rig import NODE
 from tests.support.cli import pdgw
+from tests.support.documents import deviations
+from tests.support.documents.parts import read_part
 from tests.support.gateways.daemon import axis, configuration
 from tests.support.gateways.recorded_daemon import recorded, recording
 from tests.support.readers import captures
@@ -178,3 +180,14 @@ def test_document_command_gives_the_documented_output(
     for option in ("--out", "--html"):
         if option in words:
             assert (folder / words[words.index(option) + 1]).stat().st_size
+
+
+def test_table_of_deviations_is_that_of_the_list() -> None:
+    assert read_part(*deviations.PLACE) == deviations.deviation_table()
+
+
+@pytest.mark.parametrize("item", deviations.DEVIATIONS, ids=lambda item: item.printed[:20])
+def test_deviation_names_the_test_that_shows_it(item: deviations.Deviation) -> None:
+    file, _, name = item.check.partition("::")
+    assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8")
+    assert item.why
