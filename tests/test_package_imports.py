@@ -179,7 +179,7 @@ BUDGET = {
     "peers.controller": 6438,
     "peers.simulation": 4445,
     "peers.world": 5236,
-    "tools": 3427,
+    "tools": 3456,
     "tools.commands": 0,
     "tools.commands.capture": 3220,
     "tools.commands.commissioning": 6213,

@@ -95,7 +95,7 @@ class Entry:
         module, _, attribute = self.target.partition(":")
         found = getattr(import_module(f"pdgw.tools.commands.{module}"), attribute)
         gc.enable()
-        holder = typer.Typer(add_completion=False)
+        holder = typer.Typer(add_completion=False, rich_markup_mode=None)
         holder.callback()(lambda: None)  # makes it a group even with a single command
         if isinstance(found, typer.Typer):
             for item in found.registered_commands:
@@ -107,16 +107,17 @@ class Entry:
         group = get_command(holder)
         assert isinstance(group, TyperGroup)
         command = group.commands[name]
-        _add_examples(command, f"sim {name}" if self in SIM_COMMANDS.values() else name)
+        _complete(command, f"sim {name}" if self in SIM_COMMANDS.values() else name)
         return command
 
 
-def _add_examples(command: Any, name: str) -> None:
-    """Add the example of each command to the end of its help."""
+def _complete(command: Any, name: str) -> None:
+    """Add the example of each command to the end of its help, and keep its first sentence whole in the list of its group."""
+    command.short_help = command.short_help or (command.help or "").partition("\n\n")[0]
     if name in EXAMPLES:
         command.epilog = f"Example: pdgw {EXAMPLES[name]}"
     for below, item in getattr(command, "commands", {}).items():
-        _add_examples(item, f"{name} {below}")
+        _complete(item, f"{name} {below}")
 
 
 COMMANDS: Mapping[str, Entry] = {
@@ -205,7 +206,7 @@ def lazy_group(table: Mapping[str, Entry]) -> type[Group]:
         def __init__(self, **attributes: Any) -> None:
             super().__init__(**attributes)
             for name, entry in table.items():
-                self.add_command(TyperCommand(name, callback=None, help=entry.help))
+                self.add_command(TyperCommand(name, callback=None, short_help=entry.help))
 
         def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
             name, placeholder, rest = super().resolve_command(ctx, args)
