@@ -69,7 +69,7 @@ DEVIATIONS: Final = (
         "error 6 is an over-voltage, like error 4",
         "under-voltage, EMCY 3220h",
         "3220h is an under-voltage in CiA 402",
-        "tests/peers/test_misbehaviour.py::test_drive_fault_stays_until_it_is_removed",
+        "tests/peers/test_habits.py::test_drive_fault_stays_until_it_is_removed",
     ),
     Deviation(
         GUIDE,
