@@ -742,7 +742,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.sdo.doubles.proof:
             return str(self.sdo.two_devices())
         heartbeat, silence = self.heartbeat, now - self.received_ns
-        overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
+        overdue = [slot for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots)
         if (overdue or lost) and heartbeat.expected and silence > self.settings.heartbeat_ms * _MISSING * MS:
             self.loss = Loss.SILENT
@@ -753,8 +753,9 @@ class NodeClient(abc.ABC, Generic[S]):
             return self._left(now)
         if overdue:
             self.loss = Loss.TPDO
-            check = f" while its heartbeats arrive; {_TPDO}" if heartbeat.expected else ""
-            return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms{check}"
+            beats = heartbeat.time > min(slot.time for slot in overdue) + self._timeout_ns // 2
+            check = f" while its heartbeats arrive; {_TPDO}" if beats else ""
+            return f"no {', '.join(str(slot.pdo) for slot in overdue)} for {self._timeout_ns // MS} ms{check}"
         if self._acyclic_failures >= ACYCLIC_FAILURES:
             return f"objects without PDO could not be read {ACYCLIC_FAILURES} times"
         if now > self._acyclic_until:

@@ -120,7 +120,8 @@ def _check_operation(rig: DriveRig, case: Case) -> None:
             starts = rig.starts  # those of the drive itself
         elif case.activity is not Activity.OFF1:
             rig.on()
-        _check_no_restart(rig, case, starts)
+        # A drive that enters operation by itself does so until the fault ends.
+        _check_no_restart(rig, case, rig.starts if case.activity is Activity.OFF else starts)
     rig.enable()
 
 
