@@ -170,6 +170,11 @@ class AxisMachine:
         self.units_contradicted = other.units_contradicted
 
     @property
+    def lags_since(self) -> int:
+        """Since when the axis does not follow its speed setpoint; 0 while it does."""
+        return self._check.lags_since(self.inputs.now)
+
+    @property
     def fault_began(self) -> int:
         """When the drive showed its last fault, monotonic ns."""
         return self._drive.fault_began

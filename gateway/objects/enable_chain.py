@@ -505,6 +505,9 @@ def notes(axis: Axis) -> list[str]:
             found.append(
                 f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
             )
+    if axis.machine.outputs.reason is None and (lags := axis.machine.lags_since):
+        text = f"does not follow its setpoint since {clock(lags, axis.network.loop)}"
+        found.append(f"{text}: check brake, torque limit and mechanics")
     if axis.machine.executor.range_note:
         found.append(axis.machine.executor.range_note)
     return found

@@ -172,11 +172,12 @@ def axis_status(axis: Axis) -> dict[str, Any]:
     setpoint_rpm = axis.speed_setpoint_rpm
     return (
         _object_status(axis)
-        | {"speed_setpoint_rpm": None if setpoint_rpm is None else round(setpoint_rpm, 3)}
         | _present(axis, values)
         | {
             "drive_state": state.value if state and axis.good else "unknown",
             "notes": notes(axis),
+            "speed_setpoint_rpm": None if setpoint_rpm is None else round(setpoint_rpm, 3),
+            "lags": axis.machine.lags_since > 0,
             "statusword": feedback.statusword,
             "controlword": axis.outputs.command.controlword,
             "position_unit": position_unit,

@@ -38,6 +38,8 @@ _GROWTH: Final = 1.01
 """Smallest growth from one step to the next."""
 _GROWTH_STEPS: Final = 5
 """Number of consecutive steps with growth."""
+_TOLERANCE: Final = 0.05
+"""A speed that differs from its setpoint by this share follows it."""
 _RAMP_MARGIN: Final = 2
 """Factor on the stop time for a slower setpoint."""
 
@@ -83,8 +85,14 @@ class VelocityCheck:
         self._target = 0
         self._ceiling = 0.0
         self._over_since = -1
+        self._apart = self._apart_at = 0
+        """The smallest difference to the setpoint since it last changed, and when it became so small; 0: none."""
         self._grown = self._grown_at = self._grown_speed = 0
         self._warned = False
+
+    def lags_since(self, now: int) -> int:
+        """Since when the speed has not approached a setpoint that it does not have; 0 while it follows."""
+        return self._apart_at if self._apart and now - self._apart_at > _RAMP_MARGIN * self._stop_time else 0
 
     def step(
         self, operating: bool, target: int | None, velocity: int, position: int, position_ns: int, now: int
@@ -111,6 +119,8 @@ class VelocityCheck:
         if self._position_ns:
             self._lowest, self._highest = min(self._lowest, velocity), max(self._highest, velocity)
         speed = abs(velocity)
+        if target is not None:
+            self._follow(target, abs(target - velocity), now)
         text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
         if text:
             return FaultNumber.VELOCITY, text
@@ -119,6 +129,13 @@ class VelocityCheck:
             self._lowest = self._highest = velocity
             return found
         return None
+
+    def _follow(self, target: int, apart: int, now: int) -> None:
+        """Note whether the speed approaches its setpoint."""
+        if apart <= max(self._floor, abs(target) * _TOLERANCE):
+            self._apart = 0
+        elif abs(target) != self._target or not self._apart or apart < self._apart - self._floor:
+            self._apart, self._apart_at = apart, now
 
     def _overspeed(self, target: int, speed: int, elapsed: int, now: int) -> str:
         """606Ch above the setpoint for longer than an overshoot, or growing; a drive on its ramp down may take its time."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,8 @@ from pdgw.gateway.last_words import kept_last_words
 from pdgw.gateway.objects.enable_chain import EnableStatus
 from pdgw.gateway.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber
 from pdgw.gateway.service.status import snapshot
+from pdgw.peers.drive.model.model import DriveModel
+from pdgw.tools.output.status_text import status_lines
 from tests.conformance.rig import COMPLETE
 from tests.support.documents.origin_situations import (
     command_pre_operational,
@@ -234,6 +237,31 @@ def test_a_shaft_that_turns_never_waits_and_is_never_off(number: int, reaction: 
         plc.silent = True
         look(1500 * MS)
         assert turned or number in (7, 9, 110), "the shaft turned"
+
+
+def test_line_of_an_axis_has_its_setpoint_and_a_note_if_it_does_not_follow() -> None:
+    def blocked(model: DriveModel, _: int) -> None:
+        model.velocity_actual = model.position_actual = 0
+
+    with in_operation() as (daemon, plc):
+        plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+        run_out(plc)
+        assert any("750 of 750 rpm)" in line for line in status_lines(snapshot(daemon), 400))
+        assert snapshot(daemon)["axes"][0]["notes"] == []
+        plc.endpoint.set(0, {"NSOLL_A": 0})
+        run_out(plc)
+        drive_of(daemon).model.disguises.append(blocked)
+        plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+        run_out(plc, 100 * MS)
+        assert snapshot(daemon)["axes"][0]["notes"] == [], "its ramp has time"
+        run_out(plc, 2 * daemon.axes[0].config.stop_time_ms * MS)
+        document = snapshot(daemon)
+        (note,) = document["axes"][0]["notes"]
+        assert re.fullmatch(
+            r"does not follow its setpoint since [\d:]{8}: check brake, torque limit and mechanics", note
+        )
+        assert any("0 of 750 rpm, does not follow)" in line for line in status_lines(document, 400))
+        assert status_of(daemon).state is AxisState.OBEYS
 
 
 def test_every_gateway_fault_names_its_author_and_remedy() -> None:

@@ -108,14 +108,16 @@ OF: Final[dict[type, dict[str, Any]]] = {
             "_still_since": 1,
         },
     },
+    # A note is made of these, and no command.
     VelocityCheck: {
+        "ASIDE": frozenset({"_apart", "_apart_at"}),
         "INSTANTS": {
             "_at": SAMPLE_NS,
             "_compared_at": _COMPARE_NS,
             "_grown_at": SAMPLE_NS,
             "_over_since": _OVERSPEED_NS,
             "_position_ns": SAMPLE_NS,
-        }
+        },
     },
     Inputs: {
         "ASIDE": frozenset({"now"}),
