@@ -75,7 +75,7 @@ def draft(bus: CanConfig, found: Iterable[FoundNode]) -> str:
         number += 1
         keys: dict[str, object] = {"do_id": number, "node_id": node.node_id, "telegram": telegram}
         if node.eds is not None:
-            keys["eds"] = str(node.eds.resolve())
+            keys["eds"] = str(node.eds.absolute())
         if node.drive is not None:
             table = toml_text({"axis": [keys]}) + _commented(missing_lines(node.drive, telegram))
         else:

@@ -82,6 +82,8 @@ class StepReader:
         self._arrived: dict[_Key, tuple[int, bytes]] = {}
         """The newest frame of each TPDO since the last step: when it came, and its data."""
         self._rpdos: list[tuple[str, int]] = []
+        self._of_rpdos: set[int] = set()
+        """The places of RPDO values in the command; the others are written by SDO, and a change of them is recorded."""
         self._sent: dict[int, int] = {}
         """The values of the newest RPDOs by their places in the command."""
         self._was_online = False
@@ -136,6 +138,7 @@ class StepReader:
         self._pdos = {
             (self._buses.index(bus), cob_id): _Pdo(self._item, layout, names) for bus, cob_id, layout, names in pdos
         }
+        self._of_rpdos = {at for pdo in self._pdos.values() if pdo.is_rpdo for _, (_, at) in pdo.places}
         for key, pdo in self._pdos.items():
             self._routes.setdefault(key, {})[self] = pdo
 
@@ -159,8 +162,7 @@ class StepReader:
                 changes += [(place, values[value]) for value, place in pdo.places]
                 changes += [(place, time_ns) for place in pdo.times]
         changes += [((_COMMAND, at), value) for at, value in self._sent.items()]
-        of_rpdos = {at for pdo in self._pdos.values() if pdo.is_rpdo for _, (_, at) in pdo.places}
-        is_sent = bool(mask & pcapng.SENT) and of_rpdos <= self._sent.keys()
+        is_sent = bool(mask & pcapng.SENT) and self._of_rpdos <= self._sent.keys()
         return Step._make((*_changed(groups, changes), {}, is_sent, tuple(self._rpdos), True, ()))
 
     def _recorded(self, step: Step, frames: Step | None, mask: int, flags: int, received: bytes) -> Step:
@@ -181,7 +183,7 @@ class StepReader:
                             kind = "RPDO" if pdo.is_rpdo else "TPDO"
                             found.append((f"{self._item.groups[of][at]} in the {kind}", shown, recorded))
         if mask & pcapng.SENT:
-            self._sent = dict(enumerate(step.command))
+            self._sent = {at: step.command[at] for at in self._of_rpdos}
         return step._replace(contradictions=tuple(found)) if found else step
 
 
