@@ -48,6 +48,8 @@ class BrakeMemory(NamedTuple):
     """The node has reported Stopped since then."""
     tried: bool = False
     """NMT Stop was executed and the drive was not off."""
+    closes: bool = False
+    """It was at standstill in the last step with a Statusword, and had the time of its brake."""
 
 
 class BrakeMonitor:
@@ -92,14 +94,17 @@ class BrakeMonitor:
         seen = Seen(
             brake=brake,
             braked=before.brake,
-            overdue=(shown.ok and ignores >= patience) or turns == _REACTION,
+            # Quick Stop comes before NMT Stop, in the step after Disable Operation was ignored.
+            overdue=(shown.ok and ignores >= patience and (stop or closes or not before.closes)) or turns == _REACTION,
             continues=(ignores > 0 and since > (self._still if closes else 0)) or turns > 0,
             unstopped=tried or (waits == _NMT_REACTION and not obeyed),
             off=off or there_again,
         )
         still = brake is Brake.NMT_STOP
         waits = waits if still else 0
-        memory = BrakeMemory(brake, ramp, stop, off2, since, ignores, ignored, turns, waits, obeyed and still, tried)
+        closes = (closes if shown.ok else before.closes) and ignores > 0
+        obeyed = obeyed and still
+        memory = BrakeMemory(brake, ramp, stop, off2, since, ignores, ignored, turns, waits, obeyed, tried, closes)
         return memory, broken(seen)
 
 
