@@ -153,7 +153,12 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "SUPERVISION": frozenset({"known_off"}),
     },
     BlockChain: {"INSTANTS": {"_wait_until": 0}},
-    Positioner: {"PASSING": frozenset({"request", "seen"}), "BITS": {"_commands": RISING}},
+    # Only a reason is made of the last three.
+    Positioner: {
+        "PASSING": frozenset({"request", "seen"}),
+        "BITS": {"_commands": RISING},
+        "ASIDE": frozenset({"_lacked", "_early", "_effective"}),
+    },
     BasicPositioner: {"INSTANTS": {"_homing_until": 0}, "PASSING": frozenset({"_now"})},
     PositionerFeedback: {"SERIALS": frozenset({"given", "taken", "executing"}), "PASSING": frozenset({"bits"})},
     Motion: {"SERIALS": frozenset({"serial", "first"})},
