@@ -215,7 +215,8 @@ class StopWatch:
         still = slow and self._is_still(position, position_ns, window, now)
         if not slow:
             self._still_since = -1
-        may_wait = still and (self._leave is Leave.BRAKE or self._leave is Leave.RAMP)
+        # A drive that ignored a stop is not waited for.
+        may_wait = still and not self._nmt_tried and (self._leave is Leave.BRAKE or self._leave is Leave.RAMP)
         if may_wait:
             allowed = max(allowed, self._enter)
         self.waits = may_wait and self._reaction < ignored <= allowed

@@ -316,6 +316,18 @@ def test_off2_keeps_the_reaction_time_when_the_plc_is_lost_after_it() -> None:
     assert without_reaction(bench, None, int(REACTION // CYCLE) + 3) is Brake.NMT_STOP
 
 
+def test_drive_that_needed_an_nmt_stop_has_no_time_for_its_brake() -> None:
+    bench = turning()
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    bench.drive_ok = False
+    bench.stepper.machine.inputs.node_stopped = True
+    without_reaction(bench, QUICK_STOP, 5)
+    bench.drive_ok = True
+    bench.stepper.machine.inputs.node_stopped = False
+    bench.drive.feedback.velocity_actual = 0
+    assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.WITHHOLD_HEARTBEAT
+
+
 # -- Disable Operation --------------------------------------------------------------------------------------------------
 
 
