@@ -12,11 +12,10 @@ from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode
 from pdgw.profidrive.signals import signal
 from pdgw.tools.output.status_text import Health
-from tests.support.documents.situations import Situation, acknowledge, both, online, send, words
-from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, drive_of, encoder_of
+from tests.support.documents.situations import Situation, acknowledge, both, online, words
+from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, drive_of
 
 Frame = tuple[int, bytes]
-_ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
 _POSITIONER = axis(1, telegram_number=111, more=SIMULATED_POSITIONER)
 _LIMITED = axis(1, telegram_number=111, more=SIMULATED_POSITIONER.replace("[-1000000, 1000000]", "[-400, 400]"))
 _MDI = {"POS_STW1": 0x8100, "OVERRIDE": 0x4000, "MDI_VELOCITY": 12_000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
@@ -24,8 +23,6 @@ _TASK = (
     (0x043E, {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x2000, "MDI_DEC": 0x2000}),
     (0x043F, {}),
 )
-_VENDOR = 0x406
-"""Vendor-ID of the simulated encoder."""
 _MOVED = 0xC1
 """COB-ID of an EMCY that another tool has moved."""
 _OVERCURRENT = ("Fault: EMCY 2310h over-current", "then acknowledge (STW1.7)")
@@ -93,25 +90,6 @@ def _lose(plc: Plc, daemon: Daemon) -> None:
     plc.until(lambda: daemon.axes[0].good, "found again")
 
 
-def _sensor_error(plc: Plc, daemon: Daemon) -> None:
-    _built_in_encoder(plc, daemon)
-    plc.endpoint.set(0, {"STW2_ENC": 0x0400, "G1_STW": 0x0001 | 1 << 4})
-    plc.exchange()
-
-
-def _alarm(_: Plc, daemon: Daemon) -> None:
-    encoder_of(daemon).inject("position-error")
-
-
-def _clear_alarm(_: Plc, daemon: Daemon) -> None:
-    encoder_of(daemon).clear("position-error")
-
-
-_PULSE = send({"STW2_ENC": 0x0400, "G1_STW": 0}, {"G1_STW": 0x8000}, {"G1_STW": 0})
-_ACKNOWLEDGE = send({"STW2_ENC": 0x0400}, {"STW2_ENC": 0x0480}, {"STW2_ENC": 0x0400})
-_SOUND_SENSOR = both(_clear_alarm, _PULSE, _ACKNOWLEDGE)
-
-
 def _count_sign_of_life(plc: Plc, daemon: Daemon) -> None:
     daemon.objects[0].set_sign_of_life_tolerance(3)
     plc.endpoint.count(0, "STW2", signal("STW2").bit("SIGN_OF_LIFE"))
@@ -165,17 +143,6 @@ def _overcurrent(_: Plc, daemon: Daemon) -> None:
     drive_of(daemon).inject(7)
 
 
-def _set_vendor(daemon: Daemon, vendor: int) -> None:
-    encoder_of(daemon).node.values[0x1018, 1] = vendor
-
-
-def _built_in_encoder(plc: Plc, daemon: Daemon) -> None:
-    """The data sheet is that of the device."""
-    _set_vendor(daemon, _VENDOR)
-    plc.endpoint.set(0, {"STW2_ENC": 0x0400})
-    plc.until(lambda: daemon.encoders[0].good, "online")
-
-
 def _set_error_register(daemon: Daemon) -> None:
     spoil(ignored=_ignores_start)(daemon)
     drive_of(daemon).model.error_register = 0x11
@@ -195,14 +162,6 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         says=("rejected", "TPDO1", "5 bytes", "6 bytes"),
         lacks=("none of", "being configured", "sync"),
         cure=end_fault,
-    ),
-    "the encoder is of another manufacturer, and the configuration has no EDS": DeviceSituation(
-        operates=False,
-        tables=_ENCODER,
-        spoil=lambda daemon: _set_vendor(daemon, 0xABCE),
-        says=("rejected", "0000ABCEh", "as in the built-in data sheet", "set the key eds"),
-        lacks=("as in the EDS", "check power", "config check"),
-        cure=_built_in_encoder,
     ),
     "the drive has another node-ID than the configuration": DeviceSituation(
         operates=False,
@@ -356,73 +315,6 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         lacks=("send an OFF first",),
         health=Health.WARNING,
         cure=words((OFF, {}), (ON, {})),
-    ),
-    "the PLC's program sends a sensor command that the encoder does not have": DeviceSituation(
-        tables=_ENCODER,
-        operates=False,
-        begin=_sensor_error,
-        says=("Fault", "sensor error 0F01h, G1_STW has a command that the sensor does not have"),
-        cure=_PULSE,
-    ),
-    "the PLC acknowledges an encoder without control": DeviceSituation(
-        tables=_ENCODER,
-        operates=False,
-        begin=both(send({"STW2_ENC": 0x0400}), _alarm, send({"STW2_ENC": 0}, {"G1_STW": 0x8000})),
-        says=("Fault", "sensor error 0001h", "G1_STW.15 has no effect while STW2_ENC.10 = 0"),
-        cure=_SOUND_SENSOR,
-    ),
-    "the PLC holds the acknowledge of an encoder": DeviceSituation(
-        tables=_ENCODER,
-        operates=False,
-        begin=both(send({"STW2_ENC": 0x0400, "G1_STW": 0x8000}), _alarm),
-        says=("Fault", "sensor error 0001h", "it needs an edge, set G1_STW.15 to 0 and then to 1"),
-        lacks=("cause is still there",),
-        cure=_SOUND_SENSOR,
-    ),
-    "the PLC acknowledges an encoder while the cause is there": DeviceSituation(
-        tables=_ENCODER,
-        operates=False,
-        begin=both(send({"STW2_ENC": 0x0400}), _alarm, send({"G1_STW": 0}, {"G1_STW": 0x8000}, {"G1_STW": 0})),
-        says=(
-            "Fault",
-            "sensor error 0001h",
-            "the cause is still there: remove it, then set G1_STW.15 to 0 and then to 1",
-        ),
-        cure=_SOUND_SENSOR,
-    ),
-    "the PLC acknowledges an encoder and does not end it": DeviceSituation(
-        tables=_ENCODER,
-        operates=False,
-        begin=both(send({"STW2_ENC": 0x0400}), _alarm, send({"G1_STW": 0}), _clear_alarm, send({"G1_STW": 0x8000})),
-        says=("Fault", "sensor error 0001h", "set G1_STW.15 to 0: this ends the acknowledge"),
-        cure=both(send({"G1_STW": 0}), _ACKNOWLEDGE),
-    ),
-    "the PLC acknowledges the sensor of an encoder, and not its fault": DeviceSituation(
-        tables=_ENCODER,
-        operates=False,
-        begin=both(send({"STW2_ENC": 0x0400}), _alarm, send({"G1_STW": 0}), _clear_alarm, _PULSE),
-        says=("Fault: EMCY 1000h generic error, since ", "then acknowledge (STW2_ENC.7)"),
-        lacks=("G1_STW",),
-        cure=_ACKNOWLEDGE,
-    ),
-    "the PLC acknowledges the fault of an encoder while the cause is there": DeviceSituation(
-        tables=_ENCODER,
-        operates=False,
-        begin=both(send({"STW2_ENC": 0x0400, "G1_STW": 0x4000}), _alarm, send({}), _ACKNOWLEDGE),
-        says=(
-            "Fault: EMCY 1000h generic error, since ",
-            "the cause is still there",
-            "set STW2_ENC.7 to 0 and then to 1",
-        ),
-        cure=both(_clear_alarm, _PULSE, _ACKNOWLEDGE),
-    ),
-    "the PLC's program parks the sensor": DeviceSituation(
-        tables=_ENCODER,
-        operates=False,
-        begin=send({"STW2_ENC": 0x0400, "G1_STW": 0x4000}),
-        says=("Off: G1_STW.14 = 1: sensor is parked",),
-        health=Health.OK,
-        cure=send({"G1_STW": 0}),
     ),
     "telegram 9: SATZANW.15 = 0": DeviceSituation(
         tables=axis(1, telegram_number=9),
