@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.ds301.communication import NmtCommand
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
@@ -20,11 +21,13 @@ from pdgw.peers.drive.model.model import DriveModel
 from pdgw.tools.output.status_text import status_lines
 from tests.conformance.rig import COMPLETE
 from tests.support.documents.origin_situations import (
-    command_pre_operational,
+    command,
     end_faults,
+    find,
     leave_operational,
     lose,
     start,
+    time_passes,
 )
 from tests.support.documents.situations import SLOW_PLC, Step, both, in_operation, run_out, words
 from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running
@@ -44,22 +47,18 @@ def stop(plc: Plc, _: Daemon) -> None:
     plc.endpoint.run = True
 
 
-def found(plc: Plc, daemon: Daemon) -> None:
-    plc.until(lambda: daemon.axes[0].good, "online")
-
-
 EVENTS: dict[str, tuple[Step, By, str]] = {
     "loss of the PLC": (silent, By.PLC, "PLC lost"),
     "STOP of the PLC": (stop, By.PLC, "the PLC is in STOP"),
     "loss of the node": (lose, By.NODE, "node lost: silent"),
     "NMT command of another master": (
-        both(command_pre_operational, found),
+        both(command(NmtCommand.ENTER_PRE_OPERATIONAL), find),
         By.OTHER_MASTER,
         "another master has sent NMT command 80h",
     ),
-    "Pre-operational after an EMCY": (both(leave_operational, found), By.NODE, "after EMCY FF01h"),
+    "Pre-operational after an EMCY": (both(leave_operational, find), By.NODE, "after EMCY FF01h"),
     "STO": (
-        both(start("enable-input-dropped"), lambda plc, _: run_out(plc, 500 * MS), end_faults),
+        both(start("enable-input-dropped"), time_passes, end_faults),
         By.DRIVE,
         "left operation",
     ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from pdgw.ds301.communication import EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.node.behaviour import Behaviour
@@ -156,6 +156,12 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         lacks=("TPDO", "check power", "being configured", "config check"),
         cure=end_fault,
     ),
+    "the drive has no object 1016h for guarding the gateway": DeviceSituation(
+        operates=False,
+        spoil=lambda daemon: drive_of(daemon).node.start_fault("object-missing", index=CONSUMER_HEARTBEAT),
+        says=("rejected", "guarding of the gateway", "1016h: 0602 0000h: object does not exist", "allow_unguarded"),
+        cure=end_fault,
+    ),
     "the drive sends a TPDO that is one byte shorter than its mapping": DeviceSituation(
         operates=False,
         spoil=spoil(sent=_short),
@@ -263,6 +269,19 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         health=Health.WARNING,
         cure=words((0x043F, {"POS_STW2": 2})),
     ),
+    "telegram 111: the target of a task is beyond a software limit": DeviceSituation(
+        tables=_LIMITED,
+        begin=words((0x043F, _MDI | {"POS_STW2": 2}), (0x043F, {"POS_STW2": 0x4000, "MDI_TARPOS": 2000}), (0x047F, {})),
+        says=(
+            "Waits",
+            "target is beyond a software limit",
+            "-400 to 400 LU",
+            "give a target inside the software limits",
+        ),
+        lacks=("In operation", "jog"),
+        health=Health.WARNING,
+        cure=words((0x043F, {"MDI_TARPOS": 100}), (0x047F, {})),
+    ),
     "telegram 111: a jog is held at a software limit": DeviceSituation(
         tables=_LIMITED,
         begin=words((0x043F, _MDI | {"POS_STW2": 2}), (0x043F, {"POS_STW2": 0x4000}), (0x063F, {}), (0x063F, {})),
@@ -344,6 +363,14 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         lacks=("check the cable",),
         health=Health.WARNING,
         cure=_count_sign_of_life,
+    ),
+    "the drive waits at standstill until its brake is closed": DeviceSituation(
+        spoil=lambda daemon: drive_of(daemon).node.start_fault("brake-closes", delay_ms=3000),
+        begin=words((OFF, {})),
+        says=("Stopping: the drive is at standstill and has not left operation yet", "wait while its brake closes"),
+        lacks=("does not stop", "Off:"),
+        health=Health.WARNING,
+        cure=words((OFF, {}), (ON, {})),
     ),
     "the drive accepts another mode only while it is off": DeviceSituation(
         tables=_POSITIONER,

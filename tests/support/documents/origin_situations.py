@@ -6,9 +6,22 @@ from pdgw.ds301.communication import EMCY, NMT, NmtCommand, NmtState
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import Enable
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.tools.output.status_text import Health
-from tests.support.documents.situations import Situation, Step, acknowledge, both, good, online, run_out, words
+from tests.support.documents.situations import (
+    BREAKERS,
+    Situation,
+    Step,
+    acknowledge,
+    both,
+    good,
+    online,
+    run_out,
+    supply,
+    trip,
+    words,
+)
 from tests.support.gateways.daemon import OFF, ON, Plc, drive_of, world_of
 
 OFF3 = ON & ~0x4
@@ -25,8 +38,8 @@ def lose(plc: Plc, daemon: Daemon, times: int = 1) -> None:
     """The drive is off the bus for a moment."""
     for _ in range(times):
         drive_of(daemon).node.start_fault("bus-off", recovery_ms=1000)
-        plc.until(lambda: not daemon.axes[0].good, "lost")
-        plc.until(lambda: daemon.axes[0].good, "found again")
+        miss(plc, daemon)
+        find(plc, daemon)
 
 
 def enable_itself(plc: Plc, daemon: Daemon) -> None:
@@ -61,9 +74,55 @@ def leave_operational(_: Plc, daemon: Daemon) -> None:
     node.on_nmt(node.state)
 
 
-def command_pre_operational(_: Plc, daemon: Daemon) -> None:
+def command(command: NmtCommand) -> Step:
     """Another master on the bus sends an NMT command."""
-    world_of(daemon).bus("world").join("another master").send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+    return lambda _, daemon: world_of(daemon).bus("world").join("another master").send(NMT, bytes((command, 1)))
+
+
+def time_passes(plc: Plc, _: Daemon) -> None:
+    """Until what follows from the step before has happened."""
+    run_out(plc)
+
+
+def be_silent(plc: Plc, _: Daemon) -> None:
+    """The PLC is lost."""
+    plc.silent = True
+    run_out(plc)
+
+
+def speak(plc: Plc, _: Daemon) -> None:
+    """The PLC sends again what it sent before."""
+    plc.silent = False
+
+
+def miss(plc: Plc, daemon: Daemon) -> None:
+    """The drive is no longer on the bus."""
+    plc.until(lambda: not daemon.axes[0].good, "lost")
+
+
+def find(plc: Plc, daemon: Daemon) -> None:
+    """The drive is on the bus again."""
+    plc.until(lambda: daemon.axes[0].good, "found again")
+
+
+def power_off(_: Plc, daemon: Daemon) -> None:
+    """The drive has no power."""
+    drive_of(daemon).node.power_off()
+
+
+def power_on(_: Plc, daemon: Daemon) -> None:
+    """The drive has power."""
+    drive_of(daemon).node.restart()
+
+
+def plug(_: Plc, daemon: Daemon) -> None:
+    """The CAN interface is in its computer again."""
+    world_of(daemon).unplug("world", False)
+
+
+def set_run(run: bool) -> Step:
+    """Somebody turns the switch of the PLC."""
+    return lambda plc, _: setattr(plc.endpoint, "run", run)
 
 
 def end_faults(_: Plc, daemon: Daemon) -> None:
@@ -82,7 +141,7 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
             "brake resistor",
         ),
         lacks=("Check power", "find what holds", "Not on the bus"),
-        cure=both(end_faults, lambda plc, daemon: plc.until(lambda: daemon.axes[0].good, "online"), acknowledge),
+        cure=both(end_faults, find, acknowledge),
     ),
     "STW1.5 = 0 freezes the ramp of a turning axis": Situation(
         begin=both(_TURN, words((ON & ~0x20, {"NSOLL_A": 0}))),
@@ -108,7 +167,7 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         cure=_AGAIN,
     ),
     "the light curtain opens STO while the PLC keeps ON": Situation(
-        begin=both(start("enable-input-dropped"), lambda plc, _: run_out(plc), end_faults),
+        begin=both(start("enable-input-dropped"), time_passes, end_faults),
         says=(
             "Waits: ON ignored",
             "without a command: left operation, shows ",
@@ -133,13 +192,13 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         cure=_AGAIN,
     ),
     "another master sets the drive to Pre-operational": Situation(
-        begin=both(command_pre_operational, lambda plc, daemon: plc.until(lambda: daemon.axes[0].good, "online")),
+        begin=both(command(NmtCommand.ENTER_PRE_OPERATIONAL), find),
         says=("Waits: ON ignored: node lost", "another master has sent NMT command 80h", "Switch the other master off"),
         health=Health.WARNING,
         cure=_AGAIN,
     ),
     "the drive leaves Operational by itself after an EMCY": Situation(
-        begin=both(leave_operational, lambda plc, daemon: plc.until(lambda: daemon.axes[0].good, "online")),
+        begin=both(leave_operational, find),
         says=("node lost", "left Operational by itself after EMCY FF01h"),
         lacks=("Check power", "without an EMCY"),
         health=Health.WARNING,
@@ -151,6 +210,95 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         lacks=("safe torque off",),
         health=Health.WARNING,
         cure=both(end_faults, good),
+    ),
+    "STW1.6 = 0 stops a turning axis": Situation(
+        begin=both(_TURN, words((ON & ~0x40, {}))),
+        says=("Waits: no setpoint: STW1.6 = 0 (the setpoint is 0)", "must set STW1.6 = 1"),
+        lacks=("STW1.4", "STW1.5", "frozen"),
+        health=Health.WARNING,
+        cure=words((ON, {})),
+    ),
+    "the drive restarts in operation": Situation(
+        begin=both(_TURN, start("reboot"), miss, find),
+        says=(
+            "Waits: ON ignored: node restarted during operation: boot-up message, since ",
+            "Check plug, cable and supply",
+        ),
+        lacks=("silent", "send an OFF first"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "another master stops the node of the drive": Situation(
+        begin=both(command(NmtCommand.STOP), miss, find),
+        says=(
+            "Waits: ON ignored: node lost: Stopped: another master has sent NMT command 02h",
+            "Switch the other master off",
+        ),
+        lacks=("Check power", "the gateway has stopped"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the CAN adapter is unplugged, then the PLC is silent; both return": Situation(
+        begin=both(BREAKERS[Enable.BUS], time_passes, be_silent, plug, find, speak),
+        says=(
+            "Waits: ON ignored: CAN bus-off or CAN interface lost",
+            "check CAN cable, termination",
+            "; then OFF and ON",
+        ),
+        lacks=("PLC lost", "node lost"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "a loose plug: the drive is lost for a second, then the PLC": Situation(
+        begin=both(lose, be_silent, speak),
+        says=("Waits: ON ignored: node lost: silent", "Check plug, cable and supply", "; then OFF and ON"),
+        lacks=("PLC lost", "times)"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the light curtain opens STO, then the PLC is lost for a moment": Situation(
+        begin=both(start("enable-input-dropped"), time_passes, end_faults, be_silent, speak),
+        says=("Waits: ON ignored: drive acts without a command: left operation", "Check safe torque off (STO)"),
+        lacks=("PLC lost",),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the supply of the power stage is cut, then the PLC is silent": Situation(
+        begin=both(BREAKERS[Enable.SUPPLY], time_passes, be_silent),
+        says=("Waits: the drive reports no supply voltage (Statusword.4 = 0)", "main contactor, emergency stop"),
+        lacks=("PLC lost", "STW1"),
+        cure=both(supply, good),
+    ),
+    "the PLC is lost, then the drive restarts": Situation(
+        begin=both(be_silent, start("reboot"), time_passes, find, speak),
+        says=("Waits: ON ignored: PLC lost: no valid frame", "Check the cable", "; then OFF and ON"),
+        lacks=("restarted", "boot-up"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the drive has a fault, and is switched off and on": Situation(
+        begin=both(trip, power_off, time_passes, power_on, find),
+        says=("Waits: ON ignored: EMCY 2310h over-current, since ", "short circuit", "; then OFF and ON"),
+        lacks=("node lost", "restarted"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the PLC is in STOP for a moment": Situation(
+        begin=both(set_run(False), time_passes, set_run(True)),
+        says=("Waits: ON ignored: the PLC is in STOP", ", since ", "set the PLC to RUN; then OFF and ON"),
+        lacks=("check the cable", "PLC lost"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the PLC's program takes its control away for a moment": Situation(
+        begin=words((ON & ~0x400, {}), (ON, {})),
+        says=(
+            "Waits: ON ignored: control by PLC removed in operation, since ",
+            "must keep STW1.10 = 1; then OFF and ON",
+        ),
+        lacks=("STW1.10 = 0",),
+        health=Health.WARNING,
+        cure=_AGAIN,
     ),
 }
 """What a technician finds after the first event has passed, over both links."""

@@ -275,7 +275,7 @@ def _stop(plc: Plc, _: Daemon) -> None:
     plc.endpoint.run = False
 
 
-def _trip(plc: Plc, daemon: Daemon) -> None:
+def trip(plc: Plc, daemon: Daemon) -> None:
     """The drive is in fault, and its cause is gone."""
     model = drive_of(daemon).model
     drive_of(daemon).inject(7)
@@ -283,7 +283,8 @@ def _trip(plc: Plc, daemon: Daemon) -> None:
     model.clear()
 
 
-def _supply(_: Plc, daemon: Daemon) -> None:
+def supply(_: Plc, daemon: Daemon) -> None:
+    """The power stage has its supply again."""
     drive_of(daemon).model.disguises.clear()
 
 
@@ -329,7 +330,7 @@ SITUATIONS: dict[str, Situation] = {
         says=("Waits", "no supply voltage (Statusword.4 = 0)", "main contactor, emergency stop"),
         lacks=("STW1",),
         health=Health.WARNING,
-        cure=both(_supply, good),
+        cure=both(supply, good),
     ),
     "the drive reports a fault": Situation(
         begin=BREAKERS[Enable.NO_FAULT], says=_FAULT, lacks=("needs an edge", "cause is still there"), cure=acknowledge
@@ -341,7 +342,7 @@ SITUATIONS: dict[str, Situation] = {
         begin=BREAKERS[Enable.OPERATION],
         says=("Starting: ON is commanded, but the drive reports Ready to Switch On", "safe torque off (STO)"),
         health=Health.WARNING,
-        cure=both(_supply, good),
+        cure=both(supply, good),
     ),
     "the PLC's cable is off": Situation(
         begin=BREAKERS[Enable.PLC],
@@ -404,12 +405,12 @@ SITUATIONS: dict[str, Situation] = {
         cure=good,
     ),
     "the PLC acknowledges without control": Situation(
-        begin=both(_trip, words((0x007E, {}), (0x00FE, {}))),
+        begin=both(trip, words((0x007E, {}), (0x00FE, {}))),
         says=("EMCY", "STW1.7 has no effect while STW1.10 = 0"),
         cure=acknowledge,
     ),
     "the PLC holds the acknowledge": Situation(
-        begin=both(words((OFF | 0x80, {})), _trip),
+        begin=both(words((OFF | 0x80, {})), trip),
         says=("EMCY", "needs an edge", "STW1.7 to 0 and then to 1"),
         cure=acknowledge,
     ),
