@@ -11,6 +11,7 @@ from pdgw.peers.drive.model.model import DriveModel
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.situations import (
     BREAKERS,
+    FAULTY,
     Situation,
     Step,
     acknowledge,
@@ -59,7 +60,8 @@ def set_local(plc: Plc, daemon: Daemon) -> None:
     """Somebody switches the drive to local mode while it is off."""
 
     def shows(model: DriveModel, _: int) -> None:
-        model.statusword = STATUS_OF[State.READY_TO_SWITCH_ON] | StatusBit.VOLTAGE_ENABLED
+        if model.state not in FAULTY:
+            model.statusword = STATUS_OF[State.READY_TO_SWITCH_ON] | StatusBit.VOLTAGE_ENABLED
 
     plc.endpoint.set(0, {"STW1": OFF})
     run_out(plc)
