@@ -368,7 +368,11 @@ class AxisMachine:
         speed = f"{float(velocity / self._per_rpm):g} rpm" if self._per_rpm else f"speed {velocity}"
         after = f"{speed} after {(self.inputs.now - self._stop.began) / SECOND:.1f} s"
         words = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h"
-        self.outputs.found.append((number, f"{after}, {_BRAKES[self._stop.brake]} ({words})"))
+        detail = f"{after}, {_BRAKES[self._stop.brake]} ({words})"
+        if limit is Limit.ENTER:
+            shown = f"Enable Operation, Statusword {feedback.statusword:04X}h"
+            detail = f"{after} of {shown}; check safe torque off (STO), the enable input and the brake of the drive"
+        self.outputs.found.append((number, detail))
 
     def _stop_unasked(self, now: int) -> None:
         """The last line: an Enable Operation that the PLC did not ask for is not sent."""

@@ -399,7 +399,8 @@ def _check_latch(chain: _Chain, axis: Axis) -> None:
     if origin is None:
         chain.breaks(Reason.NEEDS_OFF)
         return
-    then = "; then OFF and ON" if origin.number and "OFF and ON" not in origin.remedy else ""
+    tells = "OFF and ON" in origin.remedy or origin.remedy == Reason.NEEDS_OFF.remedy
+    then = "" if tells else "; then OFF and ON"
     chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", f"{origin.remedy}{then}")
 
 

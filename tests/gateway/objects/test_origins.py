@@ -275,3 +275,18 @@ def test_every_gateway_fault_names_its_author_and_remedy() -> None:
         FaultNumber.ENABLE_UNASKED,
         FaultNumber.VELOCITY,
     }
+
+
+def test_fault_acknowledged_while_on_stays_needs_an_off_and_an_on() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        drive_of(daemon).inject(7)
+        plc.exchange(60)
+        drive_of(daemon).clear()
+        for word in (ON | 0x80, ON):
+            plc.endpoint.set(0, {"STW1": word})
+            plc.exchange(50)
+        text = " ".join("\n".join(status_lines(snapshot(daemon))).split())
+        assert "ON ignored: EMCY 2310h over-current" in text
+        assert "a blocked axis; then OFF and ON." in text
