@@ -36,10 +36,10 @@ END: Final = 1
 ACKNOWLEDGE: Final = 2
 START: Final = 3
 EXPEDITED: Final = 0x02
-_SIZE: Final = 0x01
+SIZE: Final = 0x01
 _BLOCK_SIZE: Final = 0x02
 CRC: Final = 0x04
-_TOGGLE: Final = 0x10
+TOGGLE: Final = 0x10
 _NO_MORE: Final = 0x01
 LAST_SEGMENT: Final = 0x80
 """In a segment of a block, beside its number."""
@@ -97,9 +97,9 @@ class Source:
             command |= CRC | _BLOCK_SIZE
         elif 1 <= size <= EXPEDITED_SIZE:
             self.complete = True
-            return _frame(command | EXPEDITED | _SIZE | (EXPEDITED_SIZE - size) << 2, address + self._data)
+            return _frame(command | EXPEDITED | SIZE | (EXPEDITED_SIZE - size) << 2, address + self._data)
         else:
-            command |= _SIZE
+            command |= SIZE
         return _frame(command, address + size.to_bytes(4, "little"))
 
     def segment(self) -> bytes:
@@ -108,7 +108,7 @@ class Source:
         self._offset += SEGMENT_SIZE
         self.complete = self._offset >= len(self._data)
         frame = _frame(SEGMENT | self.toggle | (SEGMENT_SIZE - len(part)) << 1 | self.complete, part)
-        self.toggle ^= _TOGGLE
+        self.toggle ^= TOGGLE
         return frame
 
     def block(self, size: int) -> list[bytes]:
@@ -175,11 +175,11 @@ class Sink:
 
     def first(self, frame: bytes) -> None:
         """The frame of the source that begins the transfer, with the data if it is expedited."""
-        head, size_bit = frame[0], _SIZE
+        head, size_bit = frame[0], SIZE
         if head & COMMAND == BLOCK_SOURCE:
             self.crc, size_bit = self.crc and head & CRC != 0, _BLOCK_SIZE
         elif head & EXPEDITED:
-            self.data += frame[4 : FRAME_SIZE - (head >> 2 & 3 if head & _SIZE else 0)]
+            self.data += frame[4 : FRAME_SIZE - (head >> 2 & 3 if head & SIZE else 0)]
             self.complete = True
             return
         if head & size_bit:
@@ -187,9 +187,9 @@ class Sink:
 
     def segment(self, frame: bytes) -> None:
         """A segment; SdoAbortedError if its toggle bit has not alternated."""
-        if frame[0] & _TOGGLE != self.toggle:
+        if frame[0] & TOGGLE != self.toggle:
             raise SdoAbortedError(Abort.TOGGLE_NOT_ALTERNATED)
-        self.toggle ^= _TOGGLE
+        self.toggle ^= TOGGLE
         self._append(frame[1 : FRAME_SIZE - (frame[0] >> 1 & SEGMENT_SIZE)])
         self.complete = frame[0] & _NO_MORE != 0
 
@@ -377,7 +377,7 @@ class Download(Transfer):
         source = self._source
         if frame[0] & COMMAND != (DOWNLOAD if self._begun else CONFIRM):
             return None
-        if self._begun and frame[0] & _TOGGLE == source.toggle:
+        if self._begun and frame[0] & TOGGLE == source.toggle:
             raise SdoAbortedError(Abort.TOGGLE_NOT_ALTERNATED)
         self.ended = source.complete
         return [] if self.ended else [source.segment()]
@@ -430,13 +430,13 @@ class SdoServer:
         if source is not None and command == BLOCK_SINK:
             return source.confirm(frame)
         if source is not None and command == CONFIRM and not source.complete:
-            if head & _TOGGLE != source.toggle:
+            if head & TOGGLE != source.toggle:
                 raise SdoAbortedError(Abort.TOGGLE_NOT_ALTERNATED)
             return [source.segment()]
         if sink is not None and command == SEGMENT:
             sink.segment(frame)
             self._store(sink)
-            return [_frame(DOWNLOAD | head & _TOGGLE)]
+            return [_frame(DOWNLOAD | head & TOGGLE)]
         raise SdoAbortedError(Abort.INVALID_COMMAND)
 
     def _begin_upload(self, frame: bytes) -> bytes:

@@ -92,8 +92,6 @@ class Axis(DriveObject):
         """Statusword.4 is its supply: it was set without power. Many drives set it only with their power stage."""
         self.shows_remote = False
         """Statusword.9 was set: its 0 is local mode. Many drives never set it."""
-        self._released = False
-        """The drive followed the PLC in the last step."""
         self._sound_until = 0
         """When it was not in fault last."""
 
@@ -170,13 +168,12 @@ class Axis(DriveObject):
             self._serve(outputs)
             if events is not None and events.read_fault:
                 drive.submit(self._read_fault)
-        released, origins = outputs.released, self.origins
-        if released:
+        origins = self.origins
+        if outputs.released:
             if origins.present is not None:
                 origins.released(now)
-        elif self._released:
-            origins.stopped(self._origin(now))
-        self._released = released
+        elif origins.present is None:
+            origins.present = self._origin(now)
         return outputs
 
     def _origin(self, now: int) -> Origin:

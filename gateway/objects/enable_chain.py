@@ -399,9 +399,10 @@ def _check_latch(chain: _Chain, axis: Axis) -> None:
     if origin is None:
         chain.breaks(Reason.NEEDS_OFF)
         return
-    tells = "OFF and ON" in origin.remedy or origin.remedy == Reason.NEEDS_OFF.remedy
-    then = "" if tells else "; then OFF and ON"
-    chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", f"{origin.remedy}{then}")
+    remedy = origin.remedy
+    if "OFF and ON" not in remedy and remedy != Reason.NEEDS_OFF.remedy:
+        remedy += "; then OFF and ON"
+    chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", remedy)
 
 
 def _is_frozen(demand: SpeedDemand) -> bool:

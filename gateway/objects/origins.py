@@ -110,11 +110,6 @@ class Origins:
         elif present is None or present.number in (0, record.number) or _explains(record, present):
             self.present = Origin.of(record, by)
 
-    def stopped(self, origin: Origin) -> None:
-        """The drive follows the PLC no longer."""
-        if self.present is None:
-            self.present = origin
-
     def released(self, now: int) -> None:
         """The drive follows the PLC, and nothing of this cycle stops it."""
         if self.present is not None and self.present.last_ns < now:

@@ -20,6 +20,7 @@ from pdgw.ds301.configuration import TRANSMISSION_TYPE
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter
+from pdgw.ds301.sdo_transfer import COMMAND, CONFIRM, DOWNLOAD, EXPEDITED, SEGMENT, SIZE, TOGGLE, UPLOAD
 from pdgw.durations import MS
 from pdgw.peers.node.behaviour import Behaviour, catalogue
 from pdgw.peers.node.device import Value
@@ -95,15 +96,12 @@ class Frames(Behaviour):
 
 # -- SDO ------------------------------------------------------------------------------------------------------------------
 
-_SEGMENT: Final = 0x60
-_TOGGLE: Final = 0x10
-_EXPEDITED_UPLOAD: Final = 0x42
-_SEGMENTED_UPLOAD: Final = 0x41
-_COMMAND: Final = 0xE0
+_EXPEDITED_UPLOAD: Final = UPLOAD | EXPEDITED
+_SEGMENTED_UPLOAD: Final = UPLOAD | SIZE
 
 
 def _is_expedited_upload(data: bytes) -> bool:
-    return data[0] & (_COMMAND | 0x02) == _EXPEDITED_UPLOAD
+    return data[0] & (COMMAND | EXPEDITED) == _EXPEDITED_UPLOAD
 
 
 class SdoSize(Behaviour):
@@ -134,7 +132,7 @@ class SegmentedSdo(Behaviour):
             header = struct.pack("<B3sI", _SEGMENTED_UPLOAD, data[1:4], size)
             self.node.transmit(can_id, header, past=self)
             return False
-        if command & _COMMAND <= 0x20 and self.toggle:  # a segment of either direction
+        if command & COMMAND in (SEGMENT, DOWNLOAD) and self.toggle:  # a segment of either direction
             self.node.transmit(can_id, bytes([command ^ self.toggle]) + data[1:], past=self)
             return False
         return True
@@ -143,9 +141,9 @@ class SegmentedSdo(Behaviour):
         if can_id != SDO_REQUEST + self.node.node_id or not data or not self._pending:
             return True
         pending, self._pending = self._pending, b""
-        if data[0] & _COMMAND != _SEGMENT:
+        if data[0] & COMMAND != CONFIRM:
             return True
-        command = (data[0] & _TOGGLE ^ self.toggle) | (7 - len(pending)) << 1 | 1
+        command = (data[0] & TOGGLE ^ self.toggle) | (7 - len(pending)) << 1 | 1
         self.node.transmit(SDO_RESPONSE + self.node.node_id, bytes([command]) + pending.ljust(7, b"\0"), past=self)
         return False
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from typing import Final
 
@@ -11,7 +10,7 @@ import can
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, NmtState
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.ds301.node.plan import Pace, PdoPlan, PlannedPdo
-from pdgw.ds301.sdo_transfer import COMMAND, DOWNLOAD, UPLOAD, address_in
+from pdgw.ds301.sdo_transfer import COMMAND, DOWNLOAD, UPLOAD, address_in, address_of
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, MODE, MODE_DISPLAY, STATUS_ATTRIBUTE
 from pdgw.dsp402.states import State, next_state, state_of
@@ -21,7 +20,7 @@ from pdgw.gateway.commissioning.supervisions import SUPERVISIONS
 
 _OPERATIONAL: Final = bytes((NmtState.OPERATIONAL,))
 _SDO_BYTES: Final = 8
-_WRITTEN, _READ = (struct.pack("<HB", *address) for address in (MODE, MODE_DISPLAY))
+_WRITTEN, _READ = address_of(*MODE), address_of(*MODE_DISPLAY)
 _NEAR: Final = 2
 """A limit is near if the time is longer than the limit divided by this."""
 _REACTION: Final = "reaction to a command"
@@ -122,9 +121,13 @@ class DeviceTimes:
                 continue
             shortest, longest = self.found[item.name]
             limit = item.limit(node, axis)
-            times = _text(longest) if _text(longest) == _text(shortest) else f"{_text(shortest)} to {_text(longest)}"
+            times = (
+                time_text(longest)
+                if time_text(longest) == time_text(shortest)
+                else f"{time_text(shortest)} to {time_text(longest)}"
+            )
             advice = f" NEAR: raise {item.key}" if item.key else " NEAR: shorten it in the drive"
-            yield f"  {item.name:<32} {times}; limit {_text(limit)}{advice if longest * _NEAR > limit else ''}"
+            yield f"  {item.name:<32} {times}; limit {time_text(limit)}{advice if longest * _NEAR > limit else ''}"
         missing = [name for name in (_REACTION, _MODE, *_COMMANDS.values()) if name not in self.found]
         if missing:
             yield f"  not measured: {', '.join(missing)}"
@@ -137,5 +140,6 @@ def _values(item: PlannedPdo, data: bytes) -> Iterator[tuple[str, int]]:
         yield from zip(pdo.attributes, pdo.struct.unpack_from(data), strict=True)
 
 
-def _text(time: int) -> str:
+def time_text(time: int) -> str:
+    """A time in nanoseconds, in seconds or milliseconds."""
     return f"{time / SECOND:.3g} s" if time >= SECOND else f"{max(1, round(time / MS))} ms"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from pdgw.ds301.node.node import NodeSettings
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.commissioning.supervisions import SUPERVISIONS, Supervision
 from pdgw.peers.habits import HABITS, Habit
+from pdgw.tools.commissioning.device_times import time_text
 from tests.support.documents.parts import table
 
 NEAREST = {
@@ -40,8 +40,7 @@ def _time(item: Supervision) -> str:
     if item.limit is None:
         return ""
     limit = item.limit(NodeSettings(1), AxisSettings())
-    text = f"{limit / SECOND:g} s" if limit >= SECOND else f"{limit // MS} ms"
-    return f"{text} (`{item.key}`)" if item.key else text
+    return f"{time_text(limit)} (`{item.key}`)" if item.key else time_text(limit)
 
 
 def _habit(habit: Habit) -> str:

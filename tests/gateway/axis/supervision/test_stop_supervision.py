@@ -296,23 +296,25 @@ def test_off2_is_not_weakened_by_a_later_off1() -> None:
     assert bench.stepper.machine.outputs.brake is Brake.NMT_STOP
 
 
-def test_disable_voltage_after_a_finished_quick_stop_waits_for_the_brake() -> None:
+def standing_in_quick_stop(word: int) -> Bench:
+    """After a command, the drive is at standstill in Quick Stop Active."""
     bench = turning()
-    bench.step(QUICK_STOP, 0x2000)
+    bench.step(word, 0x2000)
     feedback = bench.drive.feedback
     feedback.statusword = STATUS_OF[State.QUICK_STOP_ACTIVE] | StatusBit.VOLTAGE_ENABLED
     feedback.velocity_actual = 0
+    return bench
+
+
+def test_disable_voltage_after_a_finished_quick_stop_waits_for_the_brake() -> None:
+    bench = standing_in_quick_stop(QUICK_STOP)
     assert without_reaction(bench, QUICK_STOP, int(9.5 * SECOND // CYCLE)) is Brake.NONE
     assert bench.controlword & 0xF == 0x0
     assert without_reaction(bench, QUICK_STOP, int(SECOND // CYCLE)) is Brake.NMT_STOP
 
 
 def test_off2_keeps_the_reaction_time_when_the_plc_is_lost_after_it() -> None:
-    bench = turning()
-    bench.step(COAST, 0x2000)
-    feedback = bench.drive.feedback
-    feedback.statusword = STATUS_OF[State.QUICK_STOP_ACTIVE] | StatusBit.VOLTAGE_ENABLED
-    feedback.velocity_actual = 0
+    bench = standing_in_quick_stop(COAST)
     assert without_reaction(bench, None, int(REACTION // CYCLE) + 3) is Brake.NMT_STOP
 
 
