@@ -87,7 +87,7 @@ class LogBudget(logging.Filter):
         return causes.setdefault(key, _Cause())
 
     def _report(self) -> None:
-        """Count what was omitted, also of a cause that has ended."""
+        """Report how many lines were omitted. A cause that has ended is included."""
         log.removeFilter(self)
         for cause in self._causes.values():
             self._write(cause)

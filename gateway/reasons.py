@@ -726,7 +726,7 @@ class GatewayFault:
     remedy: str
     is_warning: bool = False
     severe: bool = False
-    """The drive did not do what was commanded, or more: the axis is in fault until an acknowledgement."""
+    """The drive did not execute a command, or did more than commanded. The axis is in fault until an acknowledgement."""
 
     @property
     def warning_mask(self) -> int:

@@ -46,7 +46,7 @@ def test_every_folder_with_modules_is_a_package() -> None:
 
 
 def test_the_package_has_a_link_to_each_room() -> None:
-    """So a checkout is the package as it stands, and each file has one path: that of its import."""
+    """With them, a checkout can be imported, and each file has only one path: that of its import."""
     links = {file.name: file.readlink() for file in (ROOT / "pdgw").iterdir() if file.is_symlink()}
     assert links == {room: Path("..") / room for room in ROOMS if room != "pdgw"}
 

@@ -177,7 +177,7 @@ class StationKeeper:
         return self._refused if now - self._refused_at <= _NAMED_NS else None
 
     def forget_refused(self) -> None:
-        """A relationship begins or ends: what was rejected before does not explain what follows."""
+        """A relationship begins or ends. Earlier rejections are forgotten, because they cannot be the cause of a later loss."""
         self._refused = None
 
     def _log_refused(self, refused: Refused) -> None:

@@ -68,7 +68,7 @@ export class Stream {
     this.retry = setTimeout(() => this.open(), RETRY_MS);
   }
 
-  // EventSource does not tell why: ask for a stream in a way that shows the refusal.
+  // EventSource has no text of a refusal. A second request reads it.
   async cause() {
     const stop = new AbortController();
     setTimeout(() => stop.abort(), 2000);
