@@ -1,4 +1,4 @@
-"""Which package may import which, and how large it may be: one row for each."""
+"""Which package may import which: one row for each. And how large a room may be."""
 
 from __future__ import annotations
 
@@ -120,84 +120,31 @@ _CODE = re.compile(r"\d[\w.]*(?:(?<=\de)[+-]\d+)?|\w+|\*\*=?|//=?|>>=?|<<=?|->|:
 """Names, numbers and operators."""
 BUDGET = {
     "pdgw": 2776,
-    "profidrive": 12812,
-    "profidrive.parameters": 6439,
-    "profinet": 10386,
-    "profinet.rpc": 7283,
-    "profinet.blocks": 5458,
-    "profinet.alarms": 2956,
-    "profinet.connection": 6923,
-    "profinet.discovery": 7075,
-    "profinet.records": 4444,
-    "ds301": 7888,
-    "ds301.loop": 4423,
-    "ds301.bus": 7174,
-    "ds301.eds": 6735,
-    "ds301.node": 14216,
-    "dsp402": 4511,
-    "dsp402.units": 6227,
-    "dsp402.pdo": 1586,
-    "dsp402.identification": 5511,
-    "dsp402.drive": 8987,
+    "profidrive": 19251,
+    "profinet": 44525,
+    "ds301": 40436,
+    "dsp402": 26822,
     "dsp406": 5670,
     "gateway": 11694,
     "gateway.motion": 15428,
-    "gateway.axis": 14735,
-    "gateway.axis.adapters": 4600,
-    "gateway.axis.executors": 6832,
-    "gateway.axis.executors.positions": 10511,
-    "gateway.axis.supervision": 5515,
+    "gateway.axis": 42193,
     "gateway.configuration": 10780,
     "gateway.objects": 14499,
     "gateway.trace": 11132,
-    "gateway.links": 6416,
-    "gateway.links.profinet": 9205,
+    "gateway.links": 15621,
     "gateway.parameters": 9976,
     "gateway.service": 5476,
     "gateway.commissioning": 3744,
-    "tools.decoder": 2394,
-    "tools.decoder.frames": 6727,
-    "tools.decoder.frames.canopen": 7054,
-    "tools.decoder.frames.profinet": 11617,
-    "tools.decoder.view": 6980,
-    "tools.decoder.capture": 6603,
-    "tools.decoder.timeline": 6779,
-    "tools.decoder.export": 4756,
-    "tools.client": 6513,
-    "tools.web": 8965,
-    "tools.web.status": 2696,
-    "tools.web.server": 2685,
-    "tools.recording": 5325,
-    "peers": 426,
-    "peers.node": 9921,
-    "peers.drive": 4159,
-    "peers.drive.model": 10359,
-    "peers.encoder": 3929,
-    "peers.bus": 2103,
-    "peers.plc.exchange": 2682,
-    "peers.plc": 11854,
-    "peers.controller": 6438,
-    "peers.simulation": 4445,
-    "peers.world": 5236,
-    "tools": 3456,
-    "tools.commands": 0,
-    "tools.commands.capture": 3220,
-    "tools.commands.commissioning": 6213,
-    "tools.commands.gateway": 6085,
-    "tools.commands.simulation": 4037,
-    "tools.commissioning": 5080,
-    "tools.demo": 5119,
-    "tools.output": 4374,
-    "tools.plc": 5997,
-    "tools.service": 2312,
+    "tools": 124987,
+    "peers": 61552,
     "beside": 1963,
     "tests/long": 66835,
-    "tests": 587627,
+    "tests": 587519,
     "*.c": 0,
     "*.js": 1027,
     "*.toml": 1644,
 }
-"""The code tokens that each package may have, without its sub-packages; the lines that C, JavaScript and TOML may have.
+"""The code tokens that each room may have, ``gateway`` without its sub-packages; the lines that C, JavaScript and TOML may have.
 
 ``python -m tests.test_package_imports`` prints the present numbers. A commit that raises one says what it bought.
 """
@@ -230,11 +177,19 @@ def code_tokens(file: Path) -> int:
     return len(_CODE.findall(_TEXT.sub(" ", file.read_text(encoding="utf-8"))))
 
 
+def room_of(package: str) -> str:
+    """The folder of the top level that has it; of the gateway's, each sub-package is a room."""
+    room, _, below = package.partition(".")
+    return f"gateway.{below.partition('.')[0]}" if room == "gateway" and below else room
+
+
 def sizes() -> dict[str, int]:
     """The present figure of each row of ``BUDGET``."""
     long = set((ROOT / "tests/long").rglob("*.py"))
     tests = set((ROOT / "tests").rglob("*.py")) - long
-    files = {package: list((ROOT / package.replace(".", "/")).glob("*.py")) for package in ("pdgw", *ROWS)}
+    files: dict[str, list[Path]] = {}
+    for package in ("pdgw", *ROWS):
+        files.setdefault(room_of(package), []).extend((ROOT / package.replace(".", "/")).glob("*.py"))
     beside = [
         ROOT / "setup.py",
         *(file for room in ("deploy", "docs") for file in (ROOT / room).rglob("*.py")),
@@ -249,7 +204,7 @@ def sizes() -> dict[str, int]:
     return made
 
 
-def test_no_package_is_larger_than_its_budget() -> None:
+def test_no_room_is_larger_than_its_budget() -> None:
     present = sizes()
     assert present.keys() == BUDGET.keys()
     over = {name: size for name, size in present.items() if size > BUDGET[name]}
