@@ -74,7 +74,7 @@ class BrakeMonitor:
             before, tried = before._replace(ignores=0, turns=0), not off
         ramp = cw & ENABLE == ENABLE and (before.ramp or plc.word & ENABLE != ENABLE)
         stop = cw & _STOPS != _STOPS
-        ignores, ignored = _ignored(before, shown, state, cw, max(_LEAVE, self._still + 2))
+        ignores, ignored = _ignored(before, shown, state, cw, max(_LEAVE, self._still + 3))
         off2 = ignores > 0 and (
             before.off2 or (shown.ok and plc.setpoints is not None and plc.word & _STOPS in (0x0, 0x4))
         )
@@ -90,11 +90,10 @@ class BrakeMonitor:
         patience = _REACTION if stop else _LEAVE
         closes = shown.velocity == 0 and not off2 and not (braking or tried)
         if closes:
-            patience = max(patience, self._still + 2)
+            patience = max(patience, self._still + (2 if stop else 3))  # Quick Stop comes before NMT Stop
         seen = Seen(
             brake=brake,
             braked=before.brake,
-            # Quick Stop comes before NMT Stop, in the step after Disable Operation was ignored.
             overdue=(shown.ok and ignores >= patience and (stop or closes or not before.closes)) or turns == _REACTION,
             continues=(ignores > 0 and since > (self._still if closes else 0)) or turns > 0,
             unstopped=tried or (waits == _NMT_REACTION and not obeyed),
