@@ -157,6 +157,10 @@ class Loop(abc.ABC):
         """Until ``stop``. An exception of a timer or reader ends the run and is raised here."""
 
     @abc.abstractmethod
+    def run_for(self, duration: int) -> None:
+        """Run for this number of nanoseconds, unless ``stop`` ends it before."""
+
+    @abc.abstractmethod
     def call_threadsafe(self, action: Callable[[], None]) -> None:
         """Call soon on the loop's thread; from any thread, and from a signal handler."""
 
@@ -446,6 +450,11 @@ class SystemLoop(Loop):
         self._stopping = False
         while not self._stopping:
             self._turn()
+
+    def run_for(self, duration: int) -> None:
+        end = self.call_later(duration, self.stop)
+        self.run()
+        end.cancel()
 
     def _turn(self) -> None:
         due = self._next()

@@ -74,7 +74,6 @@ class VirtualLoop(Loop):
             self._now = max(self._now, when)
 
     def run_for(self, duration: int) -> None:
-        """Run for this number of nanoseconds."""
         self.run_until(self._now + duration)
 
     def until(self, condition: Callable[[], object], what: str, limit: int = 10 * SECOND) -> None:

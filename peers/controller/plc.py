@@ -13,16 +13,15 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.ethernet import RawEthernet
 from pdgw.peers.controller.controller import IoController, Phase
+from pdgw.peers.controller.exchange import ControllerExchange
 from pdgw.peers.controller.project import Project
 from pdgw.peers.plc.client import PlcRunner
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram
 from pdgw.profinet.blocks.connect_blocks import TICK_NS
 from pdgw.profinet.model import (
     DAP_SLOT,
     SEND_CLOCKS,
-    TELEGRAM_SUBSLOT,
     Module,
     ObjectKind,
     access_module,
@@ -124,7 +123,7 @@ class ProfinetPlc(PlcRunner):
         project = project_of(station_name, endpoint.telegrams, cycle_ns)
         self._running = RunningController(interface, project, device)
         self._controller = self._running.controller
-        self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, len(endpoint.telegrams) + 1)]
+        self._exchange = ControllerExchange(endpoint, self._controller)
         self._retry = 0
         self._why = ""
         """Reason of the last failed attempt."""
@@ -149,26 +148,13 @@ class ProfinetPlc(PlcRunner):
         before = self._running.fresh
         self._running.step(now + ns)
         if self._running.fresh != before:
-            self._take(time.monotonic_ns())
-
-    def _take(self, now: int) -> None:
-        controller = self._controller
-        actuals: list[tuple[int, ...] | None] = []
-        for place, telegram in zip(self._places, self.endpoint.telegrams, strict=True):
-            data = controller.input(place)
-            actuals.append(None if data is None else telegram.actuals.decode(data))
-        self.endpoint.accept(actuals, [controller.uses(place) for place in self._places], now)
+            self._exchange.take(time.monotonic_ns())
 
     def _send(self, *, muted: bool = False) -> None:
-        controller = self._controller
-        controller.silent = muted
-        if muted or controller.provider is None:
-            return
-        controller.provider.data_status = STATUS_NORMAL if self.endpoint.run else STATUS_STOP
-        self.endpoint.count_sign_of_life()
-        for place, telegram, values in zip(self._places, self.endpoint.telegrams, self.endpoint.setpoints, strict=True):
-            controller.set_output(place, telegram.setpoints.encode(tuple(values.values())))
-        self.endpoint.counters["sent"] += 1
+        self._controller.silent = muted
+        if not muted and self._controller.provider is not None:
+            self._exchange.send()
+            self.endpoint.counters["sent"] += 1
 
     def _open_parameters(self) -> ParameterClient:
         controller = self._controller

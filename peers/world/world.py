@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from random import Random
@@ -28,7 +28,7 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.plc.engine import Engine
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange import plc
 from pdgw.peers.plc.notation import find
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.peers.simulation.config import add_device, simulated_devices
@@ -118,31 +118,16 @@ def place_of(do_id: int | None, objects: Sequence[AxisConfig | EncoderConfig], w
     return known.index(do_id)
 
 
-class Plc:
+class Plc(plc.Plc):
     """A PLC in a world: what ``endpoint`` sends and receives.
 
     It reads telegrams and cycle time from the gateway's configuration and sends only while a test calls it.
     """
 
     def __init__(self, world: World, gateway: Daemon) -> None:
-        self.endpoint = PlcEndpoint([telegram(item.telegram) for item in gateway.config.objects], gateway.cycle_ns)
-        self._world = world
-        self._gateway = gateway
-        self._port = world.network.open("plc", 0, "PLC")
-        self._port.start(self._take)
-
-    def _take(self) -> None:
-        while (datagram := self._port.receive()) is not None:
-            self.endpoint.receive(datagram[0], self._world.loop.now())
-
-    @property
-    def actuals(self) -> Sequence[Mapping[str, int] | None]:
-        """Raw actual values by name, for each axis in the order of the configuration; None while they are invalid."""
-        return self.endpoint.actuals
-
-    def set(self, axis: int, values: Mapping[str, int]) -> None:
-        """Change raw setpoints by name from the next frame on, of an axis in the order of the configuration."""
-        self.endpoint.set(axis, values)
+        telegrams = [telegram(item.telegram) for item in gateway.config.objects]
+        super().__init__(world.loop, world.network.open("plc", 0, "PLC"), gateway.address, telegrams, gateway.cycle_ns)
+        self._objects = gateway.config.objects
 
     def exchange(self, seconds: float, do_id: int | None = None, **setpoints: int) -> None:
         """Send one frame per cycle for this number of seconds. ``setpoints`` change first, as raw values by name.
@@ -151,8 +136,8 @@ class Plc:
         does not fit, GatewayError for an unknown DO-ID.
         """
         self.endpoint.set(self._index(do_id), setpoints)
-        for _ in range(max(1, round(seconds * SECOND) // self._gateway.cycle_ns)):
-            self._cycle()
+        for _ in range(max(1, round(seconds * SECOND) // self.cycle_ns)):
+            self.cycle()
 
     def run(self, seconds: float, do_id: int | None = None, *, on: bool | None = None, **steps: Any) -> None:
         """Run steps for this number of seconds: ``run(2, on=True, speed="1500 rpm")``.
@@ -164,17 +149,17 @@ class Plc:
         index = self._index(do_id)
         named = ({} if on is None else {"enable" if on else "off1": True}) | steps
         numbers = [item.number for item in self.endpoint.telegrams]
-        chosen = self._gateway.config.objects[index]
+        chosen = self._objects[index]
         rated = chosen.rated_speed_rpm if isinstance(chosen, AxisConfig) else None
         references = {} if rated is None else {"speed_rpm": float(rated)}
         scenario = scenario_of(numbers, [{"axis": index + 1, name: value} for name, value in named.items()], references)
         engine = Engine(scenario, self.endpoint)
-        for _ in range(max(1, round(seconds * SECOND) // self._gateway.cycle_ns)):
-            engine.step(self._world.loop.now())
-            self._cycle()
+        for _ in range(max(1, round(seconds * SECOND) // self.cycle_ns)):
+            engine.step(self.loop.now())
+            self.cycle()
         current, late = engine.current, not engine.finished
         if late:
-            engine.step(self._world.loop.now() + _LATER_NS)  # what it waits for fails, with the measured values
+            engine.step(self.loop.now() + _LATER_NS)  # what it waits for fails, with the measured values
         failed = [f"{result.name}: {result.measured}" for result in engine.results if not result.passed]
         if late:
             failed.append(f"{current}: not within {seconds:g} s")
@@ -194,21 +179,7 @@ class Plc:
         return word.of(values)
 
     def _index(self, do_id: int | None) -> int:
-        return place_of(do_id, self._gateway.config.objects, NOT_CONFIGURED)
-
-    def _cycle(self) -> None:
-        now = self._world.loop.now()
-        self.endpoint.poll(now)
-        self._port.send(self.endpoint.build(now), self._gateway.address)
-        self._world.loop.run_for(self._gateway.cycle_ns)
-
-    def until(self, condition: Callable[[], object], what: str, seconds: float = 10) -> None:
-        """Exchange frames until a condition is true; AssertionError with ``what`` after this number of seconds."""
-        deadline = self._world.loop.now() + round(seconds * SECOND)
-        while not condition():
-            if self._world.loop.now() >= deadline:
-                raise AssertionError(f"{what}: not within {seconds:g} s; actual values {self.actuals}")
-            self.exchange(0)
+        return place_of(do_id, self._objects, NOT_CONFIGURED)
 
 
 # The world: virtual time, buses, network and devices. It is the ``Edge`` of a gateway that runs in it.

@@ -12,7 +12,7 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.links.udp import UdpSocket
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.profidrive.telegrams import telegram
 from tests.can.unhurried import UnhurriedPlatform
 from tests.support.buses import PATIENCE_S
@@ -47,8 +47,8 @@ class Plant:
         self.config = parse_config("\n".join((*tables, f"[transport]\n{transport}")))
         self.daemon = build_gateway(self.config, UnhurriedPlatform())
         self.loop = self.daemon.loop
-        self.plc = PlcEndpoint([telegram(1)] * len(self.config.axis), CYCLE_MS * MS)
-        self._port = UdpSocket(self.loop, plc, 0, "PLC")
+        port = UdpSocket(self.loop, plc, 0, "PLC")
+        self.plc = Plc(self.loop, port, self.daemon.address, [telegram(1)] * len(self.config.axis), CYCLE_MS * MS)
         self._drives: list[SimulatedDrive] = []
 
     # -- around the gateway -----------------------------------------------------------------------------------------------
@@ -79,8 +79,7 @@ class Plant:
 
         try:
             self.daemon.start()
-            self._port.start(self._answers)
-            self._exchange()
+            self.plc.start()
             loop.spawn(run, "story")
             loop.run()
             assert loop.task_errors == 0
@@ -88,19 +87,11 @@ class Plant:
             self.daemon.release()
             for drive in self._drives:
                 drive.stop()
-            self._port.close()
+            self.plc.stop()
             loop.close()
         assert outcome, f"the gateway ended before the story: {self.daemon.failure}"
         if outcome[0] is not None:
             raise outcome[0]
-
-    def _exchange(self) -> None:
-        self._port.send(self.plc.build(self.loop.now()), self.daemon.address)
-        self.loop.call_later(CYCLE_MS * MS, self._exchange)
-
-    def _answers(self) -> None:
-        while (datagram := self._port.receive()) is not None:
-            self.plc.receive(datagram[0], self.loop.now())
 
     # -- inside the sequence ----------------------------------------------------------------------------------------------
 
@@ -116,14 +107,8 @@ class Plant:
             assert condition(), f"{what}; {snapshot(self.daemon)}"
             self.loop.sleep(_LOOK_NS)
 
-    def value(self, name: str, axis: int = 0) -> int | None:
-        """An actual value of the PLC, None while there are none (IOPS BAD)."""
-        actuals = self.plc.actuals[axis]
-        return None if actuals is None else actuals[name]
-
-    def state(self, axis: int = 0) -> int | None:
-        word = self.value("ZSW1", axis)
-        return None if word is None else drive_state(word)
+    def state(self, axis: int = 0) -> int:
+        return drive_state(self.plc.value("ZSW1", axis))
 
     def command(self, word: int, speed: int = 0, axis: int = 0) -> None:
         self.plc.set(axis, {"STW1": word, "NSOLL_A": speed})
@@ -138,7 +123,7 @@ class Plant:
         self.until(lambda: self.turns(axis), "half speed")
 
     def turns(self, axis: int = 0) -> bool:
-        return self.value("NIST_A", axis) == HALF
+        return self.plc.value("NIST_A", axis) == HALF
 
     def counter(self, part: str, name: str) -> int:
         """A counter of the gateway."""

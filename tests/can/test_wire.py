@@ -30,7 +30,7 @@ def test_a_drive_turns_and_its_frames_are_read_by_the_socket_without_a_thread(li
         assert isinstance(plant.loop._readiness.system, EpollReadiness)  # type: ignore[attr-defined]
         assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("CAN")]
         plant.command(OFF)
-        plant.until(lambda: plant.state() in {1, 3} and plant.value("NIST_A") == 0, "standstill")
+        plant.until(lambda: plant.state() in {1, 3} and plant.plc.value("NIST_A") == 0, "standstill")
 
     plant.run_steps(sequence)
 
@@ -42,7 +42,7 @@ def test_link_down_stops_the_drive_and_link_up_does_not_start_it(line: Wire) -> 
     def sequence() -> None:
         plant.turn()
         plant.outside(lambda: interfaces.ip("set", line.near, "down"))
-        plant.until(lambda: plant.value("ZSW1") is None, "IOPS BAD")
+        plant.until(lambda: plant.plc.value("ZSW1") == -1, "IOPS BAD")
         plant.until(lambda: drive.model.velocity_actual == 0, "the drive stops by itself: no heartbeat")
         assert not plant.daemon.networks[line.near].healthy
         plant.outside(lambda: interfaces.up(line.near))
@@ -63,7 +63,7 @@ def test_unplugged_adapter_is_used_again_after_plugging_it_in(line: Wire) -> Non
     def sequence() -> None:
         plant.turn()
         plant.outside(line.unplug)
-        plant.until(lambda: plant.value("ZSW1") is None, "IOPS BAD")
+        plant.until(lambda: plant.plc.value("ZSW1") == -1, "IOPS BAD")
         plant.until(lambda: drive.model.velocity_actual == 0, "the drive stops by itself: no heartbeat")
         again = drive if plant.outside(line.plug) else plant.drive(line.far)
         plant.until(lambda: plant.state() == INHIBITED, "the drive is back, inhibited")
@@ -195,7 +195,7 @@ def test_full_queue_of_the_interface_is_reported_and_stops_the_drive(line: Wire)
         plant.until(lambda: plant.daemon.networks[line.near].failures, "the bus failed")
         plant.until(lambda: drive.model.velocity_actual == 0, "the drive stops by itself: no heartbeat")
         plant.outside(lambda: subprocess.run(free, check=True, timeout=PATIENCE_S))
-        plant.until(lambda: plant.state() is not None, "the drive is back")
+        plant.until(lambda: plant.plc.value("ZSW1") != -1, "the drive is back")
         plant.stays(
             lambda: plant.state() != OPERATION and drive.model.velocity_actual == 0,
             "the ON that is still 1 starts nothing",
@@ -244,7 +244,7 @@ def test_axes_on_several_buses_turn_and_the_loss_of_one_bus_stops_its_axis_alone
         for axis in (0, 1):
             plant.turn(axis)
         plant.outside(lambda: interfaces.ip("set", line.near, "down"))
-        plant.until(lambda: plant.value("ZSW1") is None, "IOPS BAD of the axis whose bus is down")
+        plant.until(lambda: plant.plc.value("ZSW1") == -1, "IOPS BAD of the axis whose bus is down")
         plant.stays(lambda: plant.turns(1), "the other one turns on")
         plant.command(ON, 0, 1)
         plant.until(lambda: other.model.velocity_actual == 0, "and obeys")

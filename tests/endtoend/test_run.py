@@ -74,8 +74,8 @@ def turn_despite_other_traffic(plc: SocketPlc, port: int, status: int) -> None:
     """Until the provider stops; the ON that stays afterwards starts nothing."""
     plc.enable(0)
     plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-    plc.until(lambda: plc.signal(0, "NIST_A") == 0x2000, "1500 rpm of the drive")
-    plc.until(lambda: abs(plc.signal(1, "NIST_B") - 0x2000_0000) < 0x80_0000, "1500 rpm of the encoder")
+    plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm of the drive")
+    plc.until(lambda: abs(plc.value("NIST_B", 1) - 0x2000_0000) < 0x80_0000, "1500 rpm of the encoder")
     axis = fetch(status, PATIENCE_S)["axes"][0]
     assert (axis["state"], axis["drive_state"]) == ("In operation", "Operation Enabled")
     assert axis["velocity"] == 3000
@@ -86,16 +86,16 @@ def turn_despite_other_traffic(plc: SocketPlc, port: int, status: int) -> None:
         for data in (*garbage, bytes(plc.endpoint.build())):
             intruder.sendto(data, ("127.0.0.1", port))
     for data in garbage:
-        plc.socket.send(data)
+        plc.port.send(data, plc.gateway)
     plc.endpoint.set(0, {"NSOLL_A": 0x1000})
-    plc.until(lambda: plc.signal(0, "NIST_A") == 0x1000, "still turning")
+    plc.until(lambda: plc.value("NIST_A") == 0x1000, "still turning")
     frames = json.loads(pdgw("status", "--port", str(status), "--json").stdout)["plc"]["frames"]
     assert frames["truncated"] >= 3
     assert frames["oversized"] >= 1
     assert frames["wrong FrameID"] >= 1
 
     plc.endpoint.run = False
-    plc.until(lambda: plc.signal(0, "NIST_A") == 0 and drive_state(plc.signal(0, "ZSW1")) == 0x40, "stopped")
+    plc.until(lambda: plc.value("NIST_A") == 0 and drive_state(plc.value("ZSW1")) == 0x40, "stopped")
     plc.endpoint.run = True
     plc.stays_off(0)
 

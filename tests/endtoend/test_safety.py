@@ -12,7 +12,7 @@ import subprocess
 import threading
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -65,7 +65,7 @@ def test_killed_plc_gateway_or_drive_stops_the_axis_without_a_restart(
             return at_end.enter_context(running("run", str(path), log=tmp_path / log))
 
         def inhibited(what: str) -> None:
-            plc.until(lambda: drive_state(plc.signal(0, "ZSW1")) == 0x40, what)
+            plc.until(lambda: drive_state(plc.value("ZSW1")) == 0x40, what)
             plc.stays_off(0)
 
         first, _ = drive("drive.log")
@@ -80,7 +80,7 @@ def test_killed_plc_gateway_or_drive_stops_the_axis_without_a_restart(
 
         plc.enable(0)
         plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-        plc.until(lambda: plc.signal(0, "NIST_A") > 0x1F00, "1500 rpm")
+        plc.until(lambda: plc.value("NIST_A") > 0x1F00, "1500 rpm")
         assert [ring.name for ring in rings() if ring.name.startswith("plant")] == ["plant.ring"]
         killed.kill()
         killed.wait(PATIENCE_S)
@@ -106,23 +106,6 @@ def what_the_killed_gateway_left(folder: Path) -> None:
 OFF, ON = 0x047E, 0x047F
 
 
-class Plc(SocketPlc, threading.Thread):
-    """Sends a frame in each cycle, whatever the test does meanwhile."""
-
-    def __init__(self, port: int) -> None:
-        SocketPlc.__init__(self, ("127.0.0.1", port), [1])
-        threading.Thread.__init__(self, name="PLC", daemon=True)
-        self.stopping = threading.Event()
-
-    def run(self) -> None:
-        with closing(self.socket):
-            while not self.stopping.is_set():
-                self.exchange()
-
-    def value(self, name: str) -> int:
-        return self.signal(0, name)
-
-
 def page_of(process: int) -> int:
     """The process id of the page a gateway has started."""
     children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
@@ -131,14 +114,18 @@ def page_of(process: int) -> int:
 
 
 @contextmanager
-def exchanging(port: int) -> Iterator[Plc]:
-    plc = Plc(port)
+def exchanging(port: int) -> Iterator[SocketPlc]:
+    """The PLC sends a frame in each cycle, whatever the test does meanwhile."""
+    plc = SocketPlc(("127.0.0.1", port), [1])
     plc.start()
+    thread = threading.Thread(target=plc.loop.run, name="PLC", daemon=True)
+    thread.start()
     try:
         yield plc
     finally:
-        plc.stopping.set()
-        plc.join()
+        plc.loop.call_threadsafe(plc.loop.stop)
+        thread.join()
+        plc.stop()
 
 
 @pytest.mark.e2e

@@ -19,13 +19,13 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.client import dump
 from pdgw.tools.client.dump import Dump
 from tests.formats.write import HERE
 from tests.support import cli
-from tests.support.plc.cycling import CyclingPlc
 
 RELEASES = sorted(path.name for path in HERE.iterdir() if path.is_dir() and path.name[0].isdigit())
 NEWER = r"format version 2 is unknown, this gateway reads 1 to 1: use the gateway that wrote the file, or a newer one"
@@ -83,7 +83,7 @@ def test_a_gateway_with_these_files_exchanges_frames_of_the_stored_telegram(rele
     daemon = build_gateway(loaded, world)
     daemon.start()
     port = world.network.open("127.0.0.1", 0, "PLC")
-    plc = CyclingPlc(world.loop, port, daemon.address, [telegram(2)], daemon.cycle_ns)
+    plc = Plc(world.loop, port, daemon.address, [telegram(2)], daemon.cycle_ns)
     plc.start()
     world.loop.until(lambda: plc.value("ZSW1") is not None, "data exchange", 60 * SECOND)
     assert plc.value("ZSW2") is not None

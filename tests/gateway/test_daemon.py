@@ -494,7 +494,7 @@ def test_the_status_port_sends_axes_and_counters_to_several_clients(
     config = machine.configuration()
     with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon:
         plc = SocketPlc(daemon.address, [1])
-        plc.until(lambda: drive_state(plc.signal(0, "ZSW1")) == 0x40, "online")
+        plc.until(lambda: drive_state(plc.value("ZSW1")) == 0x40, "online")
         # A client that connects and disconnects does not disturb the others.
         socket.create_connection(("127.0.0.1", port)).close()
         document = fetch(port, PATIENCE_S)

@@ -477,11 +477,11 @@ def test_times_are_milliseconds_or_seconds() -> None:
 def test_over_profinet_the_sign_of_life_counts_with_each_cycle_too(monkeypatch: pytest.MonkeyPatch) -> None:
     half, life = telegram(105).setpoints, signal("STW2").bit("SIGN_OF_LIFE")
     sent: list[int] = []
-    controller = SimpleNamespace(
-        silent=True,
-        provider=SimpleNamespace(data_status=0),
-        set_output=lambda _, data: sent.append(life.of(half.decode(data)[half.index("STW2")])),
+    provider = SimpleNamespace(
+        place=lambda _: (0, half.size),
+        set=lambda _, data, good: sent.append(life.of(half.decode(data)[half.index("STW2")])),
     )
+    controller = SimpleNamespace(provider=provider)
     monkeypatch.setattr(
         "pdgw.peers.controller.plc.RunningController", lambda *_: SimpleNamespace(controller=controller)
     )

@@ -8,11 +8,11 @@ has a speed mode.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
 
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
-from pdgw.ds301.loop.loop import Timer
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.drive_type import POSITIONS, DriveType, Quantity, Scaling
 from pdgw.dsp402.objects import POSITION_ACTUAL
@@ -22,9 +22,9 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.platform import DatagramPort, Platform
+from pdgw.gateway.platform import Platform
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commissioning.chain_comparison import Measurement, compare, compare_turns, rpm
@@ -157,9 +157,7 @@ class AxisTest:
         self._confirm = confirm
         self._choices = choices
         self._direction = 1 if choices.percent > 0 else -1
-        self._endpoint = PlcEndpoint([telegram(TELEGRAM)], _CYCLE_NS)
-        self._ports: list[DatagramPort] = []
-        self._sending: Timer | None = None
+        self._at_end = ExitStack()
         self._interrupted = False
         self._other_plc = ""
         self._begun: int | None = None
@@ -183,13 +181,16 @@ class AxisTest:
         """Run the test. GatewayError or CanopenError when it cannot start: no interface, or a gateway, PLC or other master
         is active.
         """
-        try:
+        with self._at_end:
             self._watch_for_plc()
             self._loop.sleep(_LISTEN_NS)
             if self._other_plc:
                 raise GatewayError(f"a PLC sends frames from {self._other_plc}: switch it off or unplug it")
             daemon = self._daemon = Daemon(self.config, self._platform)
             self._axis = daemon.axes[0]
+            port = self._platform.open_udp("127.0.0.1", 0, "axis test")
+            self._plc = Plc(self._loop, port, daemon.address, [telegram(TELEGRAM)], _CYCLE_NS)
+            self._at_end.callback(self._plc.stop)
             self._times = times = DeviceTimes(self._axis.drive)
             self._axis.drive.network.listeners.append(lambda message: times.see(message, self._loop.now()))
             daemon.start()
@@ -206,18 +207,13 @@ class AxisTest:
                 daemon.stopped.wait()
             if daemon.failure is not None:
                 raise daemon.failure
-        finally:
-            if self._sending is not None:
-                self._sending.cancel()
-            for port in self._ports:
-                port.close()
         return self.outcome
 
     def _run_steps(self) -> None:
         drive = self._bring_up()
         self._announce(drive)
         self._await_confirmation()
-        self._exchange()
+        self._plc.start()
         self._power_up()
         self._begun = self._position()
         self._watched_at = self._loop.now()
@@ -247,7 +243,7 @@ class AxisTest:
         port = self._platform.open_udp(
             str(transport.listen), transport.cyclic_port, "cyclic port; is a gateway running?"
         )
-        self._ports.append(port)
+        self._at_end.callback(port.close)
 
         def came() -> None:
             while (datagram := port.receive()) is not None:
@@ -294,29 +290,12 @@ class AxisTest:
 
     # -- the PLC's part -------------------------------------------------------------------------------------------------
 
-    def _exchange(self) -> None:
-        """Send frames from now on, as a PLC does."""
-        port = self._platform.open_udp("127.0.0.1", 0, "axis test")
-        self._ports.append(port)
-        endpoint, loop = self._endpoint, self._loop
-
-        def answers() -> None:
-            while (datagram := port.receive()) is not None:
-                endpoint.receive(datagram[0], loop.now())
-
-        def send() -> None:
-            port.send(endpoint.build(loop.now()), self._daemon.address)
-            self._sending = loop.call_later(_CYCLE_NS, send)
-
-        port.start(answers)
-        send()
-
     def _command(self, word: int, wire: int = 0) -> None:
-        self._endpoint.set(0, {_STW1.name: word, _NSOLL.name: wire})
+        self._plc.set(0, {_STW1.name: word, _NSOLL.name: wire})
 
     def _shows(self, bit: int) -> bool:
         """Whether the gateway's ZSW1 has a bit set, and switching on is not inhibited."""
-        actuals = self._endpoint.actuals[0]
+        actuals = self._plc.actuals[0]
         return actuals is not None and bool(actuals[_ZSW1.name] & bit) and not actuals[_ZSW1.name] & _INHIBITED
 
     def _power_up(self) -> None:
@@ -352,7 +331,7 @@ class AxisTest:
         while ended - begun < duration:
             ended, last = self._timed_position(drive)
             velocities.append(axis.drive.feedback.velocity_actual)
-        actuals = self._endpoint.actuals[0]
+        actuals = self._plc.actuals[0]
         return Measurement(
             wire,
             target,
@@ -364,7 +343,9 @@ class AxisTest:
 
     def _follows_speed(self, drive: DriveType) -> bool:
         target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
-        expected = drive.scaling.reference(Quantity.SPEED) * self._endpoint.setpoints[0][_NSOLL.name] / _NSOLL.raw(100)
+        expected = (
+            drive.scaling.reference(Quantity.SPEED) * self._plc.endpoint.setpoints[0][_NSOLL.name] / _NSOLL.raw(100)
+        )
         if expected and abs(expected) < 1:
             raise AxisTestError(
                 f"60FFh cannot be {float(expected):g}: the speed is below one unit, choose a higher --percent"

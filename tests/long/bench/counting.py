@@ -35,10 +35,10 @@ from pdgw.gateway.links.profinet.io_device import ProfinetLink
 from pdgw.gateway.platform import SystemPlatform
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.controller.controller import IoController
+from pdgw.peers.controller.exchange import ControllerExchange
 from pdgw.peers.controller.project import Project
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet.model import TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import Identity, Station
 from tests.long.bench.drives import IdealDrives
@@ -203,7 +203,6 @@ class ProfinetPlc(Plc):
     def __init__(self, row: Row, cable: Cable) -> None:
         super().__init__(row)
         self._cable = cable
-        self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, row.axes + 1)]
         self._period = round(row.cycle_ms * MS)
         self._due = 0
 
@@ -214,6 +213,7 @@ class ProfinetPlc(Plc):
         modules = daemon.link.device.model.modules
         project = Project("press-1", modules, reduction_ratio=self._period // MS, data_hold=100)
         self._controller = IoController(station, project, DEVICE_IP)
+        self._exchange = ControllerExchange(self.endpoint, self._controller)
         self._controller.start(now)
         self._due = now
 
@@ -228,25 +228,14 @@ class ProfinetPlc(Plc):
                 controller.on_datagram(data, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
         if now >= self._due:
             self._due += self._period
-            self._exchange(now)
+            self._exchange.take(now)
+            self.step()
+            self._exchange.send()
         controller.poll(now)
         for target, frame in controller.outgoing():
             cable.arrive(target, bytes(frame))
         due = controller.next_deadline()
         return self._due if due is None else max(now + 1, min(due, self._due))
-
-    def _exchange(self, now: int) -> None:
-        controller, endpoint = self._controller, self.endpoint
-        values = [controller.input(place) for place in self._places]
-        decoded = [
-            None if data is None else item.actuals.decode(data)
-            for item, data in zip(endpoint.telegrams, values, strict=True)
-        ]
-        endpoint.accept(decoded, [controller.uses(place) for place in self._places], now)
-        self.step()
-        if controller.provider is not None:
-            for item, place, values_ in zip(endpoint.telegrams, self._places, endpoint.setpoints, strict=True):
-                controller.set_output(place, item.setpoints.encode(tuple(values_.values())))
 
     def close(self) -> None:
         """Nothing to release."""

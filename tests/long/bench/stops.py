@@ -17,10 +17,10 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
 from tests.support.gateways.daemon import drive_of, running, world_of
-from tests.support.plc.cycling import CyclingPlc
 
 TITLES = ("what is lost", "from ... to", "p50", "max", "bound")
 _CHANNEL, _NODE = "stops", 1
@@ -55,17 +55,15 @@ class Site:
         self.drive = drive_of(daemon, _NODE)
         self.last_sent = 0
         """Send time of the PLC's last frame."""
-        self.plc = CyclingPlc(
-            self.loop, world.network.open("plc", 0, "PLC"), daemon.address, [telegram(1)], daemon.cycle_ns
-        )
+        self.plc = Plc(self.loop, world.network.open("plc", 0, "PLC"), daemon.address, [telegram(1)], daemon.cycle_ns)
         self.plc.before_frame.append(self._sends)
         self._frames: list[tuple[int, int, bytes]] = []
         world.bus(_CHANNEL).taps.append(self._note)
         self.plc.start()
-        self.plc.set({"STW1": _OFF, "NSOLL_A": _SPEED})
+        self.plc.set(0, {"STW1": _OFF, "NSOLL_A": _SPEED})
         axis = daemon.axes[0]
         self.until(lambda: axis.good and axis.released and axis.machine.outputs.reason is not None)
-        self.plc.set({"STW1": _ON})
+        self.plc.set(0, {"STW1": _ON})
         self.until(lambda: self.drive.model.state is State.OPERATION_ENABLED)
         self.loop.run_for(2 * SECOND + world.chance("loss").randrange(200 * MS))
         self._frames.clear()
@@ -132,13 +130,13 @@ def _lose_bus(site: Site) -> int:
 
 def _ignore_stop(site: Site) -> int:
     site.drive.do(lambda node: node.start_fault("deaf"))
-    site.plc.set({"STW1": _ON & ~0x4})
+    site.plc.set(0, {"STW1": _ON & ~0x4})
     begin = site.stop_frame()
     return site.first(lambda can_id, data: can_id == NMT and data[0] == NmtCommand.STOP) - begin
 
 
 def _ignore_stop_at_standstill(site: Site) -> int:
-    site.plc.set({"NSOLL_A": 0})
+    site.plc.set(0, {"NSOLL_A": 0})
     site.until(lambda: site.drive.model.ramp.speed == 0)
     site.loop.run_for(SECOND)
     return _ignore_stop(site)
@@ -146,7 +144,7 @@ def _ignore_stop_at_standstill(site: Site) -> int:
 
 def _ignore_disable_operation(site: Site) -> int:
     site.drive.do(lambda node: node.start_fault("deaf"))
-    site.plc.set({"STW1": _ON & ~0x8})
+    site.plc.set(0, {"STW1": _ON & ~0x8})
     begin = site.first(lambda can_id, data: can_id == _CONTROL and Command.SWITCH_ON.matches(_word(data)))
     return site.stop_frame() - begin
 

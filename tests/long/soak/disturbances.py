@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, NmtCommand, NmtState
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import Conditions
 from tests.conformance.fault_cases import DRIVE_CASES
-from tests.support.plc.cycling import CyclingPlc
 
 if TYPE_CHECKING:
     from tests.long.soak.soak_run import SoakRun
@@ -90,7 +90,7 @@ def _iops_bad(soak_run: SoakRun, axis: SoakAxis, _: Random) -> Undo:
 
 def _second_plc(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
     """Another PLC sends frames of the same layout with ON."""
-    plc = CyclingPlc(
+    plc = Plc(
         soak_run.loop,
         soak_run.world.network.open(SECOND_HOST, 0, "second PLC"),
         soak_run.daemon.address,

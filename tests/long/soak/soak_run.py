@@ -7,7 +7,7 @@ import math
 import shutil
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from random import Random
@@ -27,9 +27,11 @@ from pdgw.gateway.links.udp import Address
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, Machine, shape
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
-from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.tools.recording.recordings import replayed
 from tests.long.rules import Seen
 from tests.long.soak.disturbances import DISTURBANCES, PLC_HOST, UNPLUGGED, Disturbance, Undo
@@ -41,7 +43,6 @@ from tests.long.soak.trace import Trace
 from tests.long.soak.watch import RATED_RPM, REACHED_RPM, TRANSIENT_NS, SoakAxis, ViolationError, require
 from tests.long.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
 from tests.support.gateways.fault_display import drive_state
-from tests.support.plc.cycling import CyclingPlc
 
 CHANNEL: Final = "soak"
 _CHECK_NS: Final = 25 * MS
@@ -107,7 +108,7 @@ class SoakRun:
         self._watchdog_ns = self.cycle_ns * self._config.transport.watchdog_factor
         telegrams = self.plan.telegrams
         port = self.world.network.open(PLC_HOST, 0, "PLC")
-        self.plc: CyclingPlc = CyclingPlc(self.loop, port, self.daemon.address, telegrams, self.cycle_ns)
+        self.plc: Plc = Plc(self.loop, port, self.daemon.address, telegrams, self.cycle_ns)
         self._layout = CSduLayout(telegrams, Direction.SETPOINT)
         self.axes = [self._axis(index, item) for index, item in enumerate(self.plan.axes)]
         self.pending = [PendingEmcys(axis.name) for axis in self.axes]
@@ -298,7 +299,7 @@ class SoakRun:
             self._config = self._configuration()
             telegrams = [item.words.telegram for item in self.axes]
             self._layout = CSduLayout(telegrams, Direction.SETPOINT)
-            self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"), telegrams)
+            self.restart_plc(telegrams)
             for item in self.axes:
                 item.require_new_off("telegram changed")
                 self.plc.endpoint.setpoints[item.index] = item.words.values
@@ -341,9 +342,15 @@ class SoakRun:
                 self.trace.note(f"{axis.name}: PLC {axis.words.name} {axis.words.word:04X}h")
         self.loop.call_later(axis.words.word_duration_ns(), lambda: self._talk(axis))
 
-    def restart_plc(self) -> None:
-        """Restart the PLC with a new relationship from another port."""
-        self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"))
+    def restart_plc(self, telegrams: Sequence[Telegram] | None = None) -> None:
+        """Restart the PLC: another port, a new relationship, the same setpoints. Other telegrams start with zeros."""
+        plc, before = self.plc, self.plc.endpoint
+        plc.port.close()
+        plc.endpoint = PlcEndpoint(before.telegrams if telegrams is None else telegrams, self.cycle_ns)
+        if telegrams is None:
+            plc.endpoint.setpoints = before.setpoints
+        plc.port = self.world.network.open(PLC_HOST, 0, "PLC")
+        plc.port.start(plc.receive)
 
     def restart_gateway(self) -> None:
         """Restart a gateway that ended, for example because of another master on its bus."""

@@ -17,10 +17,10 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.peers.drive import Latency, SimulatedDrive
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
 from tests.long.soak.plan import POSITIONER
-from tests.support.plc.cycling import CyclingPlc
 
 TRANSPARENT = 100
 WATCHED_NS = 900 * MS
@@ -89,7 +89,7 @@ class Site:
         self.drive = drive
         port = self.world.network.open("plc", 0, "PLC")
         self.cycle_ns = cycle_ms * MS
-        self.plc = CyclingPlc(self.loop, port, self.daemon.address, [telegram(number)], self.cycle_ns)
+        self.plc = Plc(self.loop, port, self.daemon.address, [telegram(number)], self.cycle_ns)
         self.word = telegram(number).setpoints.names[0]
         self.entries = 0
         self.drive.model.watchers.append(self._entered)
@@ -100,7 +100,7 @@ class Site:
         self.on = self.off | (0x0F if raw else 0x01)
         values = dict.fromkeys(telegram(number).setpoints.names, 0)
         profile = {"Profile Velocity": 6000, "Profile Acceleration": 300, "Profile Deceleration": 300}
-        self.plc.set(values | ({"Modes of Operation": Mode.VELOCITY} | profile if raw else {}))
+        self.plc.set(0, values | ({"Modes of Operation": Mode.VELOCITY} | profile if raw else {}))
 
     def close(self) -> None:
         self.loop.close()
@@ -109,7 +109,7 @@ class Site:
         self.entries += state is State.OPERATION_ENABLED
 
     def _ask(self, word: int, duration: int) -> None:
-        self.plc.set({self.word: word})
+        self.plc.set(0, {self.word: word})
         self.loop.run_for(duration)
 
     def _enable(self) -> None:
@@ -120,7 +120,7 @@ class Site:
             assert self.loop.now() < end, self.daemon.axes[0].drive.status_text
             for word in (self.off | 0x80, self.off, *steps):
                 self._ask(word, 4 * self.cycle_ns + 100 * MS)
-        self.plc.set({name: value for name, value in _SPEED.items() if name in self.plc.endpoint.setpoints[0]})
+        self.plc.set(0, {name: value for name, value in _SPEED.items() if name in self.plc.endpoint.setpoints[0]})
         self.loop.run_for(200 * MS)
 
     def entries_under_off(self, case: Case) -> int:

@@ -12,13 +12,13 @@ from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import World
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
 from tests.support.documents.parts import write_part
 from tests.support.gateways.daemon import OFF, ON, axis, configuration
 from tests.support.gateways.profinet_daemon import Plant
-from tests.support.plc.cycling import CyclingPlc
 from tests.support.wire.ethernet import FakeEthernet
 from tests.support.wire.profinet import PLC_MAC
 
@@ -138,21 +138,21 @@ class UdpSite(Site):
 
     def start_plc(self) -> None:
         port = self.world.network.open(_PLC, 0, "PLC")
-        self.plc = CyclingPlc(self.loop, port, self.daemon.address, [telegram(1)] * self.axes, self.daemon.cycle_ns)
+        self.plc = Plc(self.loop, port, self.daemon.address, [telegram(1)] * self.axes, self.daemon.cycle_ns)
         self.plc.before_frame.append(self._scan)
         self.plc.start()
 
     def _scan(self, now: int) -> None:
         self.last_scan = now
         for number in range(self.axes):
-            self.plc.set({"NSOLL_A": 0x1000 + self.chance.randrange(0x100)}, number)
+            self.plc.set(number, {"NSOLL_A": 0x1000 + self.chance.randrange(0x100)})
 
     def fall_silent(self) -> None:
         self.plc.stop()
 
     def command(self, word: int) -> None:
         for number in range(self.axes):
-            self.plc.set({"STW1": word}, number)
+            self.plc.set(number, {"STW1": word})
 
 
 class ProfinetSite(Site):

@@ -17,7 +17,7 @@ from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange import plc
 from pdgw.peers.world import Gateway, World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.client import udp as client_module
@@ -80,41 +80,26 @@ def online(daemon: Daemon, patience: int = PATIENCE) -> None:
     until(daemon, lambda: all(client.generation for client in clients), "online", patience)
 
 
-class Plc:
+class Plc(plc.Plc):
     """Sends a frame and lets a cycle pass, whenever the test says so; ``silent`` it only lets time pass."""
 
     def __init__(self, daemon: Daemon, numbers: list[int], host: str = "plc") -> None:
         self.daemon = daemon
-        self.endpoint = PlcEndpoint([telegram(n) for n in numbers], daemon.cycle_ns)
-        self.loop = world_of(daemon).loop
-        self.port = world_of(daemon).network.open(host, 0, "PLC")
-        self.port.start(self._take)
-        self.silent = False
+        world = world_of(daemon)
+        port = world.network.open(host, 0, "PLC")
+        super().__init__(world.loop, port, daemon.address, [telegram(n) for n in numbers], daemon.cycle_ns)
         self.change: Callable[[bytearray], bytes] = bytes
         """Make of a frame what is sent."""
 
-    def _take(self) -> None:
-        while (datagram := self.port.receive()) is not None:
-            self.endpoint.receive(datagram[0], self.loop.now())
-
-    def send(self) -> None:
-        self.port.send(self.change(self.endpoint.build(self.loop.now())), self.daemon.address)
+    def frame(self, now: int) -> bytes:
+        return self.change(self.endpoint.build(now))
 
     def exchange(self, cycles: int = 1) -> None:
         for _ in range(cycles):
-            if not self.silent:
-                self.send()
-            self.loop.run_for(self.daemon.cycle_ns)
+            self.cycle()
 
-    def until(self, condition: Callable[[], object], what: str) -> None:
-        deadline = self.loop.now() + PATIENCE
-        while not condition():
-            assert self.loop.now() < deadline, f"{what}: {self.endpoint.actuals} {snapshot(self.daemon)}"
-            self.exchange()
-
-    def value(self, name: str, index: int = 0) -> int:
-        actuals = self.endpoint.actuals[index]
-        return -1 if actuals is None else actuals[name]
+    def seen(self) -> str:
+        return f"{super().seen()} {snapshot(self.daemon)}"
 
     def state(self, index: int = 0) -> int:
         return drive_state(self.value("ZSW1", index))

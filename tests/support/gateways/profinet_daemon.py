@@ -16,17 +16,15 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.profinet.io_device import ProfinetLink
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.controller.controller import IoController, Phase
+from pdgw.peers.controller.exchange import ControllerExchange
 from pdgw.peers.controller.project import Project
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import World
-from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet import ethernet
 from pdgw.profinet.alarms import apmx
 from pdgw.profinet.alarms.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.blocks.control import ControlCommand, PrmBeginReq
-from pdgw.profinet.model import TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import Identity, Station
@@ -196,39 +194,23 @@ class ControllerPlc(Plc):
     """As ``Plc`` over PROFINET: the controller of a plant. It connects again when its relationship has ended."""
 
     def __init__(self, site: Plant) -> None:
-        self.site, self.daemon, self.loop = site, site.daemon, site.loop
-        self.endpoint = PlcEndpoint([item.telegram for item in site.daemon.objects], site.daemon.cycle_ns)
-        self.silent = False
+        super().__init__(site.daemon, [item.telegram.number for item in site.daemon.objects])
+        self.site = site
         self.retry = 0
-        self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, len(site.daemon.objects) + 1)]
+        self._exchange = ControllerExchange(self.endpoint, site.plc)
 
     def send(self) -> None:
-        controller, endpoint, now = self.site.plc, self.endpoint, self.loop.now()
-        if controller.phase in {Phase.IDLE, Phase.ENDED} and now >= self.retry:
+        controller, now = self.site.plc, self.loop.now()
+        controller.silent = self.silent
+        if controller.phase in {Phase.IDLE, Phase.ENDED} and now >= self.retry and not self.silent:
             self.retry = now + SECOND
             controller.start(now)
-        provider = controller.provider
-        if provider is None:
-            return
-        provider.data_status = STATUS_NORMAL if endpoint.run else STATUS_STOP
-        endpoint.count_sign_of_life()
-        for index, place in enumerate(self._places):
-            data = endpoint.telegrams[index].setpoints.encode(tuple(endpoint.setpoints[index].values()))
-            where = provider.place(place)
-            if where is not None and where[1] - where[0] == len(data):  # not of another telegram
-                provider.set(place, data, good=index not in endpoint.bad)
+        if not self.silent:
+            self._exchange.send()
 
-    def exchange(self) -> None:
-        controller = self.site.plc
-        controller.silent = self.silent
-        super().exchange()
-        actuals = [self._decoded(index, controller.input(place)) for index, place in enumerate(self._places)]
-        self.endpoint.accept(actuals, [controller.uses(place) for place in self._places], self.loop.now())
-
-    def _decoded(self, index: int, data: bytes | None) -> tuple[int, ...] | None:
-        """None for data that is not GOOD, or of another telegram."""
-        half = self.endpoint.telegrams[index].actuals
-        return None if data is None or len(data) != half.size else half.decode(data)
+    def cycle(self) -> None:
+        super().cycle()
+        self._exchange.take(self.loop.now())
 
 
 def parameterise_again(site: Plant) -> None:

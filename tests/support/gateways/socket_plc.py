@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import socket
-import time
 from collections.abc import Callable
 
+from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.durations import MS
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.gateway.links.udp import Address, UdpSocket
+from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.profidrive.telegrams import telegram
 from tests.support.buses import PATIENCE_S, check_processes
 from tests.support.gateways.fault_display import drive_state
@@ -20,35 +20,23 @@ _READY, _OPERATION = 0x01, 0x07
 _ENABLING = (_READY, 0x03, _OPERATION)
 
 
-class SocketPlc:
+class SocketPlc(Plc):
     """The least a PLC has to do."""
 
-    def __init__(self, address: tuple[str, int], numbers: list[int]) -> None:
-        self.endpoint = PlcEndpoint([telegram(number) for number in numbers], CYCLE)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.connect(address)
-        self.socket.settimeout(CYCLE / 1e9)
+    def __init__(self, address: Address, numbers: list[int]) -> None:
+        loop = SystemLoop()
+        port = UdpSocket(loop, "127.0.0.1", 0, "PLC")
+        super().__init__(loop, port, address, [telegram(number) for number in numbers], CYCLE)
 
-    def exchange(self) -> None:
-        try:
-            self.socket.send(self.endpoint.build(time.monotonic_ns()))
-            while True:
-                self.endpoint.receive(self.socket.recv(2048))
-        except (TimeoutError, ConnectionRefusedError):
-            return
+    def cycle(self) -> None:
+        check_processes()
+        super().cycle()
 
-    def until(self, condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            check_processes()
-            assert time.monotonic() < deadline, (
-                f"{what}: {self.endpoint.actuals}, counted: {dict(self.endpoint.counters)}"
-            )
-            self.exchange()
+    def until(self, condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
+        super().until(condition, what, seconds)
 
-    def signal(self, axis: int, name: str) -> int:
-        actuals = self.endpoint.actuals[axis]
-        return -1 if actuals is None else actuals[name]
+    def seen(self) -> str:
+        return f"{super().seen()}, counted: {dict(self.endpoint.counters)}"
 
     def enable(self, axis: int) -> None:
         """OFF, then ON; again if the drive or the PLC was lost meanwhile, as on a busy machine: that needs a new OFF."""
@@ -56,7 +44,7 @@ class SocketPlc:
         off = 0x043E if self.endpoint.telegrams[axis].number == 9 else OFF
 
         def state() -> int:
-            return drive_state(self.signal(axis, "ZSW1"))
+            return drive_state(self.value("ZSW1", axis))
 
         def operates() -> bool:
             if state() not in _ENABLING:
@@ -72,6 +60,6 @@ class SocketPlc:
     def stays_off(self, axis: int) -> None:
         """The ON that stays active must not start it. On a busy machine its drive may be lost meanwhile."""
         for _ in range(20):
-            self.exchange()
+            self.cycle()
             actuals = self.endpoint.actuals[axis]
             assert actuals is None or not actuals["ZSW1"] & 0x04, "started by a standing ON"
