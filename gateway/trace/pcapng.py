@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
+from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.profidrive.frame import CYCLIC_PORT
 
 CONFIGURATION: Final = "pdgw configuration\n"
@@ -137,19 +138,6 @@ def custom(kind: bytes, content: bytes) -> bytes:
     size = len(content)
     length = CUSTOM_HEAD.size + size + -size % 4 + 4
     return CUSTOM_HEAD.pack(CUSTOM, length, ENTERPRISE, kind, size) + content + bytes(-size % 4) + _TAIL.pack(length)
-
-
-@dataclass(frozen=True)
-class FramePlaces:
-    """Place of each drive object's values in the recorded frames from and to the PLC, None: it has none.
-
-    ``kind``: ``udp`` frames begin with the FrameID after the headers, ``profinet`` frames to the PLC with the Ethernet header;
-    those from the PLC are recorded after one.
-    """
-
-    kind: str
-    setpoints: tuple[int | None, ...]
-    actuals: tuple[int | None, ...]
 
 
 @dataclass(frozen=True)

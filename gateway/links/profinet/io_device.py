@@ -20,6 +20,7 @@ from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
+from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, discard_waiting, is_punctual, silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
@@ -28,7 +29,6 @@ from pdgw.gateway.links.profinet.station import StationKeeper, profinet_model
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.reasons import Finding, Reason
 from pdgw.gateway.store import ParameterStore
-from pdgw.gateway.trace.pcapng import FramePlaces
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
