@@ -6,9 +6,9 @@ from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.demand_report import SHOWN_FAULT, STATE_MASK, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords
+from pdgw.gateway.axis.executors.message_words import MessageWord, namur_word, reduced_torque
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.values import Inputs, Outputs
-from pdgw.gateway.motion.requests import MessageWord, namur_word, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import first_warning
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
+from pdgw.gateway.axis.executors.message_words import MessageWord, reduced_torque
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.requests import MessageWord, Seen, reduced_torque
+from pdgw.gateway.motion.requests import Seen
 from pdgw.gateway.motion.units import Direction, DriveUnits, LengthUnits, Ring, way
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT
