@@ -20,8 +20,8 @@ from pdgw.dsp402.drive import touch_probe
 from pdgw.durations import MS
 from pdgw.peers.drive.drive_behaviours import DRIVE_HABITS
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
-from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.model.model import DriveModel
+from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.model.shapes import ENGEL, Machine, Shape
 from pdgw.peers.node.behaviour import NONE, HabitValues
 from pdgw.peers.node.device import Value

@@ -15,7 +15,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import DriveModel, SimulatedDrive
-from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.encoder.motion import Motion
 from pdgw.peers.node.node import SimulatedNode

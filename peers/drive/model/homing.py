@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from pdgw.dsp402.objects import HOMING_ACCELERATION, HOMING_SPEEDS, MAX_ACCELERATION
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import ControlBit, StatusBit
-from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION, ModeOfOperation
+from pdgw.peers.drive.model.image import DriveImage
+from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation
+from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.objects import HOMING_METHODS
-
-if TYPE_CHECKING:
-    from pdgw.peers.drive.model.model import DriveModel
 
 
 class Homing(ModeOfOperation):
     """The homing methods of the family. They search limit switches, index pulses and mechanical stops."""
 
-    def __init__(self, drive: DriveModel) -> None:
+    def __init__(self, drive: DriveImage) -> None:
         super().__init__(drive)
         self._phase = ""
         self._attained = self._error = False

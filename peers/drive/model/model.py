@@ -12,37 +12,25 @@ from dataclasses import replace
 from typing import Final
 
 from pdgw.ds301.aborts import CanopenError
-from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import (
     ABORT_OPTION,
     FAULT_REACTION_OPTION,
-    HOME_OFFSET,
     MAX_DECELERATION,
-    MAX_MOTOR_SPEED,
-    MAX_PROFILE_VELOCITY,
-    MOTION_PROFILE_TYPE,
     POSITION_RANGE_LIMIT,
-    PROFILE_DECELERATION,
     QUICK_STOP_DECELERATION,
     QUICK_STOP_OPTION,
-    VELOCITY_ENCODER_FACTOR,
 )
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
-from pdgw.durations import MS, SECOND, US
+from pdgw.durations import MS, SECOND
+from pdgw.peers.drive.model.image import DriveImage, ObjectReader
 from pdgw.peers.drive.model.latency import DelayLine, Latency
-from pdgw.peers.drive.model.mode_of_operation import (
-    COAST_DECELERATION,
-    SECOND_ENCODER_STEPS,
-    TICK,
-    Ramp,
-    increments_per_second,
-)
 from pdgw.peers.drive.model.modes import MODES
 from pdgw.peers.drive.model.probe import TouchProbe
+from pdgw.peers.drive.model.ramps import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
 from pdgw.peers.drive.model.shapes import ENGEL, ROTARY_AXIS, Machine, Shape
 from pdgw.peers.drive.objects import DRIVE_FAULTS, OBJECTS
 
@@ -69,23 +57,12 @@ _STATE_BITS: Final = {
 _CATCH_UP_TICKS: Final = 1000
 """Longest simulated gap. After a longer gap between two calls the drive loses the rest of the time."""
 
-ObjectReader = Callable[[int, int], int]
 
-
-class DriveModel:
-    """The image of the mappable objects (as attributes) and the drive.
-
-    ``read`` returns the value of the other objects (index, sub-index). ``emcy`` collects (error code, error register).
-    """
+class DriveModel(DriveImage):
+    """Power section and time. ``emcy`` collects (error code, error register)."""
 
     def __init__(self, read: ObjectReader, machine: Machine | None = None, shape: Shape = ENGEL) -> None:
-        self.read = read
-        self.machine = machine or ROTARY_AXIS
-        self.shape = shape
-        per_rpm = shape.velocity_per_rpm
-        self._fixed_unit = None if per_rpm is None else float(1 / per_rpm)
-        self._rate = float(1 / shape.acceleration_per_rpm_s)
-        """rpm/s of one acceleration unit."""
+        super().__init__(read, machine or ROTARY_AXIS, shape)
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
         """Functions that falsify the image; called with the model's time after each of its updates."""
@@ -98,16 +75,11 @@ class DriveModel:
         """Time from a command, or from standstill, until the drive changes from one state to another."""
         self.opening_ms = 0
         """Time from the start of operation until the drive moves."""
-        self.jerk_ms = 0
-        """Time until a ramp of a speed has its full rate."""
         self.fault_reset_edges = 1
         """Number of rising edges of Controlword 7 that reset a fault."""
         self.starts_in_fault = False
-        self.wraps = shape.wraps
         self.watchers: list[Callable[[State], None]] = []
         """Functions called with each new state."""
-        self.started = 0
-        """Number of setpoints and homings started since the device was created."""
         self.power_on()
 
     def power_on(self) -> None:
@@ -126,7 +98,6 @@ class DriveModel:
         self.zero = 0.0
         self.digital_inputs = DI1
         self.limited = False
-        """An internal limit prevents the commanded motion (Statusword.11)."""
         self._pressed = 0
         """Torque against a mechanical stop."""
         self.causes: set[int] = set()
@@ -165,86 +136,6 @@ class DriveModel:
             self._fault(DRIVE_FAULTS[min(causes)])
         self._update()
 
-    # Attributes of the catalogue for the type checker; ``power_on`` sets them from the declarations.
-    controlword: int
-    statusword: int
-    modes_of_operation: int
-    modes_of_operation_display: int
-    position_actual: int
-    second_position: int
-    velocity_demand: int
-    velocity_actual: int
-    target_velocity: int
-    target_position: int
-    target_torque: int
-    max_torque: int
-    velocity_offset: int
-    profile_velocity: int
-    profile_acceleration: int
-    profile_deceleration: int
-    dynamic_speed_limit: int
-    dynamic_torque_limit: int
-    current_actual: int
-    dc_link_voltage: int
-    digital_outputs: int
-    digital_outputs_mask: int
-    analogue_input_1: int
-    analogue_input_2: int
-    encoder_position: int
-    error_code: int
-    emcy_code: int
-    homing_method: int
-    touch_probe_function: int
-    touch_probe_status: int
-    touch_probe_1_rising: int
-    touch_probe_1_falling: int
-    touch_probe_2_rising: int
-    touch_probe_2_falling: int
-    digital_inputs: int
-
-    # -- units --------------------------------------------------------------------------------------------------------
-
-    @property
-    def unit(self) -> float:
-        """rpm of one velocity unit (6094h)."""
-        fixed = self._fixed_unit
-        return self.read(VELOCITY_ENCODER_FACTOR, 1) / self.read(VELOCITY_ENCODER_FACTOR, 2) if fixed is None else fixed
-
-    @property
-    def max_rpm(self) -> float:
-        """Maximum speed of the motor."""
-        return float(self.read(MAX_MOTOR_SPEED, 0))
-
-    @property
-    def speed_limit(self) -> float:
-        """Maximum speed of profiles in rpm."""
-        return min(self.max_rpm, self.read(MAX_PROFILE_VELOCITY, 0) * self.unit)
-
-    @property
-    def position(self) -> float:
-        """Actual position in increments."""
-        return self.machine_position - self.zero
-
-    def acceleration(self, value: int, limit_index: int) -> float:
-        """Acceleration of a ramp object in rpm/s (of the ENGEL-like drive in 10 rpm/s), limited by 60C5h / 60C6h."""
-        return self._rate * max(1, min(value, self.read(limit_index, 0)))
-
-    @property
-    def profile_braking(self) -> int:
-        """Deceleration in acceleration units: 6084h, or 6083h for a drive without it (CiA 402)."""
-        one_ramp = PROFILE_DECELERATION in self.shape.lacks
-        return self.profile_acceleration if one_ramp else self.profile_deceleration
-
-    @property
-    def sine(self) -> bool:
-        """Whether ramps are sine-squared (6086h)."""
-        return self.read(MOTION_PROFILE_TYPE, 0) == 1
-
-    @property
-    def sine_times(self) -> tuple[float, float]:
-        """Rise and fall time in seconds of a sine-squared ramp; a PDO may carry 0."""
-        return max(1, self.profile_acceleration) * TICK, max(1, self.profile_braking) * TICK
-
     # -- commands -----------------------------------------------------------------------------------------------------
 
     def inject(self, fault: int | str) -> None:
@@ -275,9 +166,8 @@ class DriveModel:
         self._without_sync = 0
 
     @property
-    def sync_ticks(self) -> int:
-        """Ticks from one SYNC to the next in a mode that needs them (1006h); 0: not monitored."""
-        return self.read(SYNC_PERIOD, 0) * US // MS if self.motion.synchronous else 0
+    def _sync_ticks(self) -> int:
+        return self.sync_ticks if self.motion.synchronous else 0
 
     def abort_connection(self) -> None:
         """The connection to the master is lost: react according to 6007h.
@@ -430,7 +320,7 @@ class DriveModel:
         if (
             self.ramp.speed == speed  # not on a ramp; the rest takes longer to compare
             and before == self._condition()
-            and not (self.sync_ticks and self.state is State.OPERATION_ENABLED)
+            and not (self._sync_ticks and self.state is State.OPERATION_ENABLED)
         ):
             self._resting = self.ramp.speed == 0.0
             self._even = not self._resting and self.state is State.OPERATION_ENABLED and self.motion.even
@@ -491,7 +381,7 @@ class DriveModel:
         self._turn()
 
     def _sync_is_lost(self) -> bool:
-        period = self.sync_ticks
+        period = self._sync_ticks
         self._without_sync = self._without_sync + 1 if period else 0
         lost = self._without_sync > self.shape.sync_tolerance * period
         if lost:
@@ -520,39 +410,6 @@ class DriveModel:
     def _inputs_at(self, position: float) -> int:
         """The digital inputs, with the limit switches at a position of the machine."""
         return self.digital_inputs & ~_LIMITS | self.machine.switches(position)
-
-    # -- services for the modes ---------------------------------------------------------------------------------------
-
-    @property
-    def halted(self) -> bool:
-        """Whether Halt is set in the Controlword."""
-        return bool(self.controlword & ControlBit.HALT)
-
-    def against_limit(self, speed: float) -> bool:
-        """Whether a limit switch blocks this direction."""
-        return bool(
-            (speed < 0 and self.digital_inputs & NEGATIVE_LIMIT) or (speed > 0 and self.digital_inputs & POSITIVE_LIMIT)
-        )
-
-    def slow_down(self, deceleration: float) -> bool:
-        """One tick of deceleration to standstill (rpm/s); True at standstill."""
-        return self.ramp.linear(0.0, deceleration, deceleration, self.jerk_ms) == 0.0
-
-    def follow_at_once(self, speed: float) -> None:
-        """Change the speed (rpm) without a ramp, within the limits of motor and limit switches."""
-        limit = self.max_rpm
-        self.limited = self.against_limit(speed)
-        self.ramp.set(0.0 if self.limited else min(max(speed, -limit), limit))
-
-    def stop_at(self, position: float) -> None:
-        """Stop at a position (increments)."""
-        self.machine_position = position + self.zero
-        self.ramp.set(0.0)
-
-    def home_here(self) -> None:
-        """Set the present position to the home position of 607Ch."""
-        self.zero = self.machine_position - self.read(HOME_OFFSET, 0)
-        self.ramp.set(0.0)
 
     def _shown_position(self) -> int:
         """Position in 6064h."""

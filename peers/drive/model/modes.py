@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.modes import Mode
@@ -25,21 +24,18 @@ from pdgw.dsp402.objects import (
 )
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.peers.drive.model.homing import Homing
-from pdgw.peers.drive.model.mode_of_operation import (
+from pdgw.peers.drive.model.image import DriveImage
+from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation, follows
+from pdgw.peers.drive.model.ramps import (
     COAST_DECELERATION,
     INCREMENTS_PER_REVOLUTION,
     TICK,
     TORQUE_ACCELERATION,
-    ModeOfOperation,
-    follows,
     increments_per_second,
     rpm_of,
     speed_toward,
 )
 from pdgw.peers.drive.objects import CURRENT_CONTROL, SPEED_CONTROL, TURNTABLE
-
-if TYPE_CHECKING:
-    from pdgw.peers.drive.model.model import DriveModel
 
 
 @dataclass(slots=True)
@@ -60,7 +56,7 @@ class CyclicPosition(ModeOfOperation):
 
     synchronous = True
 
-    def __init__(self, drive: DriveModel) -> None:
+    def __init__(self, drive: DriveImage) -> None:
         super().__init__(drive)
         self._goal = 0.0
         self._way = 0.0
@@ -103,7 +99,7 @@ class CyclicPosition(ModeOfOperation):
 class ProfilePosition(ModeOfOperation):
     """Setpoints by handshake, each with speed and ramps. One may wait for the end of another."""
 
-    def __init__(self, drive: DriveModel) -> None:
+    def __init__(self, drive: DriveImage) -> None:
         super().__init__(drive)
         self.setpoint: Setpoint | None = None
         self._queued: Setpoint | None = None

@@ -7,22 +7,17 @@ machine's position.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from pdgw.dsp402.drive import touch_probe
-from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
-
-if TYPE_CHECKING:
-    from pdgw.peers.drive.model.model import DriveModel
-
-POSITIONS = ("touch_probe_1_rising", "touch_probe_1_falling", "touch_probe_2_rising", "touch_probe_2_falling")
-"""Attributes of the image, by edge."""
+from pdgw.peers.drive.model.image import DriveImage
+from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.shapes import POSITIONS
 
 
 class TouchProbe:
     """The touch probe of a drive. The image has its objects if the variant has them."""
 
-    def __init__(self, drive: DriveModel) -> None:
+    def __init__(self, drive: DriveImage) -> None:
         self._drive = drive
         self._armed = 0
         self._at_zero_pulse = False

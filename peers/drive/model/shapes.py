@@ -29,9 +29,10 @@ from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.peers import option_values
-from pdgw.peers.drive.model.probe import POSITIONS
 from pdgw.peers.drive.objects import DRIVE_TYPE, FAMILY, FAMILY_MODES, INFO, OBJECTS, REVISION, drive_objects
 
+POSITIONS = ("touch_probe_1_rising", "touch_probe_1_falling", "touch_probe_2_rising", "touch_probe_2_falling")
+"""Attributes of the image, by edge of the touch probe."""
 _I32, _U8, _U16, _U32 = CanType.I32, CanType.U8, CanType.U16, CanType.U32
 _RO, _RW = Access.RO, Access.RW
 _VENDOR_ID = 0x0000_0FFF

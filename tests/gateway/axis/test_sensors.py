@@ -17,7 +17,7 @@ from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor, SensorSettings
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.peers.drive.model.mode_of_operation import SECOND_ENCODER_STEPS
+from pdgw.peers.drive.model.ramps import SECOND_ENCODER_STEPS
 from pdgw.peers.encoder.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, constant_speed
 from pdgw.profidrive.encoder import SensorError

@@ -18,7 +18,7 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import ROTARY_AXIS
 from pdgw.peers.drive.model.latency import NO_LATENCY
-from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.habits import HABITS, Habit
 from tests.long.rules import Seen, broken
 from tests.long.soak.calm_tasks import program

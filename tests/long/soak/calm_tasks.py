@@ -17,7 +17,7 @@ from pdgw.gateway.axis.telegrams import (
     POSITIONER_TELEGRAM_NUMBERS,
     TASK_TELEGRAM_NUMBERS,
 )
-from pdgw.peers.drive.model.mode_of_operation import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.encoder.motion import constant_speed, sine, still
 from pdgw.peers.plc.exchange.following import PositionLoop
 from pdgw.peers.world import WorldChannel
