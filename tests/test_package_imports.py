@@ -136,7 +136,7 @@ BUDGET = {
     "gateway.service": 5476,
     "gateway.commissioning": 3744,
     "tools": 124858,
-    "peers": 62268,
+    "peers": 62289,
     "beside": 1963,
     "tests/long": 66777,
     "tests": 586280,

@@ -9,20 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from pdgw.durations import MS
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.following import Follow, can_follow
 from pdgw.peers.plc.notation import Scalar
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import TELEGRAMS, Telegram
-
-if TYPE_CHECKING:
-    from pdgw.peers.plc.engine import Engine
 
 
 class Set(NamedTuple):
@@ -46,7 +44,15 @@ class Access(NamedTuple):
     write: bool
 
 
-Order = Callable[["Engine", int], object]
+class Ordered(Protocol):
+    """The part of an engine that an order changes."""
+
+    endpoint: PlcEndpoint
+    muted: bool
+    drive: Callable[[str], object]
+
+
+Order = Callable[[Ordered, int], object]
 """A change of the engine or its endpoint; the integer is the axis, from 0."""
 Program = Sequence[Set | Wait | Access | Follow | Order | int]
 """An integer is a pause in nanoseconds."""
@@ -112,7 +118,7 @@ def _bit(name: str, value: int = 0) -> Action:
     return _with_tasks(lambda *_: [Set({name: value})])
 
 
-def order(change: Callable[[Engine, Any], object]) -> Action:
+def order(change: Callable[[Ordered, Any], object]) -> Action:
     """A change of the engine by the value in the scenario."""
     return lambda _, value: [lambda engine, _: change(engine, value)]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
@@ -23,13 +23,17 @@ from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Direction, Tel
 from pdgw.profidrive.words import Bit
 from pdgw.tools.client.address import parse_integer
 
-if TYPE_CHECKING:
-    from pdgw.peers.plc.scenario import References
-
 Scalar = int | float | str
 _FULL_SCALE = {DataType.N2: N2_100_PERCENT, DataType.N4: N4_100_PERCENT}
 _LARGEST = 2
 """Range of N2 and N4: up to 200 %."""
+
+
+class FullScale(Protocol):
+    """100 % of the quantities of a scenario, which has them as ``references``."""
+
+    speed_rpm: float
+    position: int
 
 
 def parse_time(text: str) -> int:
@@ -63,7 +67,7 @@ def comparison(condition: Scalar, raw: Callable[[Scalar], float]) -> Callable[[f
     return lambda value: abs(value - middle) <= width
 
 
-def expected(references: References, item: Signal, condition: Scalar) -> Callable[[int], bool]:
+def expected(references: FullScale, item: Signal, condition: Scalar) -> Callable[[int], bool]:
     """Convert an expected value to a predicate on a signal's raw integer; GatewayError for an invalid text."""
     if not item.is_float:
         return comparison(condition, partial(raw_value, references, item))
@@ -75,7 +79,7 @@ def expected(references: References, item: Signal, condition: Scalar) -> Callabl
     return lambda raw: holds(float_of(raw))
 
 
-def raw_value(references: References, item: Signal, value: Scalar) -> int:
+def raw_value(references: FullScale, item: Signal, value: Scalar) -> int:
     """Convert a value in any notation to the signal's raw integer."""
     text = str(value).strip()
     match = re.fullmatch(r"(-?\d{1,15}(?:\.\d{1,9})?)\s*(%|rpm|inc)", text)
@@ -95,7 +99,7 @@ def raw_value(references: References, item: Signal, value: Scalar) -> int:
     return integer(item.name, value, ", 50 %, 1500 rpm or 2000 inc")
 
 
-def written(references: References, item: Signal, condition: str, value: int) -> str:
+def written(references: FullScale, item: Signal, condition: str, value: int) -> str:
     """Format a raw value like the expected one: in its unit with one decimal, or in hexadecimal digits."""
     if item.is_float:
         return f"{float_of(value):g}"
@@ -108,12 +112,12 @@ def written(references: References, item: Signal, condition: str, value: int) ->
     return str(value)
 
 
-def _reference(references: References, unit: str) -> Fraction:
+def _reference(references: FullScale, unit: str) -> Fraction:
     """100 % in this unit."""
     return Fraction({"%": 100, "rpm": references.speed_rpm, "inc": references.position}[unit])
 
 
-def _scale(references: References, item: Signal, unit: str) -> Fraction:
+def _scale(references: FullScale, item: Signal, unit: str) -> Fraction:
     """The raw value of one unit."""
     if item.type not in _FULL_SCALE:
         raise GatewayError(f"{item.name}: %, rpm and inc are allowed only for normalised signals")
