@@ -2,32 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.signals import signal
 from tests.gateway.axis.test_modulo import TABLE, drive_type
 from tests.gateway.axis.test_positioner import positioner as simulated
-from tests.gateway.axis.test_positioner_handshake import MDI_ABSOLUTE, SETTING_UP, positioner
 from tests.gateway.axis.test_positioning import SMALL
-from tests.gateway.axis.test_positioning_handshake import positioning
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
 from tests.support.axis.positioner import CHOICES
+from tests.support.axis.tasks import (
+    ACTIVATE,
+    FAST,
+    HALT,
+    HOMING,
+    INTERMEDIATE,
+    JOG,
+    MDI_ABSOLUTE,
+    NEW_SETPOINT,
+    REACHED,
+    REJECT,
+    SETTING_UP,
+    WARNING,
+    Make,
+    positioner,
+    positioning,
+)
 
-JOG = 0x100
-REJECT, INTERMEDIATE, ACTIVATE, HOMING = 0x10, 0x20, 0x40, 0x800
-HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT
-ZSW1 = signal("ZSW1")
-REACHED = ZSW1.bit("TARGET_REACHED", positioning=True).mask
-WARNING = ZSW1.bit("WARNING").mask
 SETPOINT_REACHED = signal("POS_ZSW2").bit("SETPOINT_REACHED").mask
-FAST, SLOW = 3000, 60
-"""Actual speeds of an axis that turns: outside and at the edge of the standstill window (1 % of 6000)."""
+SLOW = 60
+"""Actual speed of an axis that turns at the edge of the standstill window (1 % of 6000)."""
 
 
 class Continuing:
@@ -61,27 +69,19 @@ class Continuing:
         return self.word
 
 
-MAKES: dict[str, tuple[Callable[..., Hand], dict[str, int]]] = {
-    "9": (positioning, {"MDI_TARPOS": 1 << 28}),
-    "111": (positioner, {"MDI_TARPOS": 10_000, "POS_STW1": MDI_ABSOLUTE}),
-}
-
-
-def rejected(name: str, speed: int = FAST) -> Continuing:
+def rejected(make: Make, speed: int = FAST) -> Continuing:
     """A task was rejected in its middle."""
-    make, values = MAKES[name]
     drive = Continuing(make().enable(), speed)
     for _ in range(5):
-        drive(ON | ACTIVATE, **values)
+        drive(ON | ACTIVATE)
     assert drive.moved
     drive(ON & ~REJECT)
     drive.moved = 0
     return drive
 
 
-@pytest.mark.parametrize("name", MAKES)
-def test_a_rejected_task_that_the_drive_continues_is_stopped_for_good(name: str) -> None:
-    drive = rejected(name)
+def test_a_rejected_task_that_the_drive_continues_is_stopped_for_good(make: Make) -> None:
+    drive = rejected(make)
     words = [drive(ON) for _ in range(1000)]
     assert drive.moved <= 2
     assert words[-1] & HALT
@@ -92,9 +92,8 @@ def test_a_rejected_task_that_the_drive_continues_is_stopped_for_good(name: str)
     assert hand.actuals["ZSW1"] & (WARNING | REACHED) == WARNING | REACHED, "it is at standstill"
 
 
-@pytest.mark.parametrize("name", MAKES)
-def test_a_rejected_task_within_the_standstill_window_is_stopped_too(name: str) -> None:
-    drive = rejected(name, SLOW)
+def test_a_rejected_task_within_the_standstill_window_is_stopped_too(make: Make) -> None:
+    drive = rejected(make, SLOW)
     words = [drive(ON) for _ in range(1000)]
     assert drive.moved <= 2
     assert words[-1] & HALT
@@ -103,9 +102,8 @@ def test_a_rejected_task_within_the_standstill_window_is_stopped_too(name: str) 
 
 
 @pytest.mark.parametrize("speed", [FAST, SLOW])
-@pytest.mark.parametrize("name", MAKES)
-def test_reached_is_not_shown_while_a_rejected_task_continues(name: str, speed: int) -> None:
-    drive = rejected(name, speed)
+def test_reached_is_not_shown_while_a_rejected_task_continues(make: Make, speed: int) -> None:
+    drive = rejected(make, speed)
     for _ in range(20):
         drive(ON)
         shown = drive.hand.actuals
@@ -113,9 +111,8 @@ def test_reached_is_not_shown_while_a_rejected_task_continues(name: str, speed: 
         assert not (drive.hand.feedback.velocity_actual and reached)
 
 
-@pytest.mark.parametrize("name", MAKES)
-def test_the_next_task_replaces_the_one_that_continues(name: str) -> None:
-    drive = rejected(name)
+def test_the_next_task_replaces_the_one_that_continues(make: Make) -> None:
+    drive = rejected(make)
     for _ in range(20):
         drive(ON)
     words = [drive(ON | ACTIVATE) for _ in range(4)]
@@ -126,12 +123,10 @@ def test_the_next_task_replaces_the_one_that_continues(name: str) -> None:
     assert not drive.hand.actuals["ZSW1"] & WARNING
 
 
-@pytest.mark.parametrize("name", MAKES)
-def test_a_ramp_that_resumes_does_not_continue_the_task(name: str) -> None:
-    make, values = MAKES[name]
+def test_a_ramp_that_resumes_does_not_continue_the_task(make: Make) -> None:
     drive = Continuing(make(ramp_stop_resume=True).enable())
     for _ in range(5):
-        drive(ON | ACTIVATE, **values)
+        drive(ON | ACTIVATE)
     drive(OFF)
     drive.moved = 0
     words = [drive(ON) for _ in range(100)]
@@ -140,35 +135,32 @@ def test_a_ramp_that_resumes_does_not_continue_the_task(name: str) -> None:
     assert drive.hand.stepper.power.released
 
 
-@pytest.mark.parametrize("name", MAKES)
-def test_homing_waits_with_halt_for_its_parameters(name: str) -> None:
-    drive = rejected(name)
+def test_homing_waits_with_halt_for_its_parameters(make: Make) -> None:
+    drive = rejected(make)
     for _ in range(20):
         drive(ON)
     drive.moved = 0
     for _ in range(100):  # the drive has not taken the method
-        drive(ON | HOMING, SATZANW=0x8000 | 35) if name == "9" else drive(ON | HOMING)
+        drive(ON | HOMING)
     assert drive.moved == 0
 
 
-@pytest.mark.parametrize("name", MAKES)
 @pytest.mark.parametrize("after", range(4))
 @pytest.mark.parametrize("end", [ON & ~REJECT, ON], ids=["rejected", "withdrawn"])
-def test_a_homing_that_ends_each_time_does_not_move_a_drive_that_continues(name: str, after: int, end: int) -> None:
-    drive = rejected(name)
+def test_a_homing_that_ends_each_time_does_not_move_a_drive_that_continues(make: Make, after: int, end: int) -> None:
+    drive = rejected(make)
     for _ in range(20):
         for word, cycles in ((ON, after), (ON | HOMING, 1), (end, 2)):
             for _ in range(cycles):  # the drive has not taken the method
-                drive(word, SATZANW=0x8000 | 35) if name == "9" else drive(word)
+                drive(word)
     assert drive.moved <= 2
 
 
 def test_homing_that_interrupts_a_task_keeps_halt_until_the_mode_changes() -> None:
-    make, values = MAKES["9"]
-    drive = Continuing(make().enable())
+    drive = Continuing(positioning().enable())
     for _ in range(5):
-        drive(ON | ACTIVATE, **values)
-    drive(ON | HOMING, SATZANW=0x8000 | 35)
+        drive(ON | ACTIVATE)
+    drive(ON | HOMING)
     drive.moved = 0
     assert all(drive(ON | HOMING) & HALT for _ in range(50)), "the drive has not taken the method"
     drive.hand.stepper.sdo_done("refused")
@@ -177,17 +169,15 @@ def test_homing_that_interrupts_a_task_keeps_halt_until_the_mode_changes() -> No
     assert drive.moved == 0
 
 
-@pytest.mark.parametrize("name", MAKES)
-def test_a_drive_that_drops_a_rejected_task_has_no_halt_afterwards(name: str) -> None:
-    drive = rejected(name)
+def test_a_drive_that_drops_a_rejected_task_has_no_halt_afterwards(make: Make) -> None:
+    drive = rejected(make)
     drive.runs = False
     assert not any([drive(ON) & HALT for _ in range(100)][5:])
     assert drive.hand.stepper.reason is None
 
 
-@pytest.mark.parametrize("name", MAKES)
-def test_halt_of_a_drive_that_continues_ends_with_the_operation(name: str) -> None:
-    drive = rejected(name)
+def test_halt_of_a_drive_that_continues_ends_with_the_operation(make: Make) -> None:
+    drive = rejected(make)
     for _ in range(20):
         drive(ON)
     drive.runs = False  # it forgets its task without power
@@ -216,7 +206,7 @@ def interrupted(*, reject: bool, takes_modes: bool, speed: int = FAST) -> Contin
     """Telegram 111 in the middle of a task that is rejected, or will be replaced."""
     drive = Continuing(positioner().enable(), speed, takes_modes=takes_modes)
     for _ in range(5):
-        drive(ON | ACTIVATE, MDI_TARPOS=10_000)
+        drive(ON | ACTIVATE)
     for _ in range(10):
         drive(ON & ~REJECT if reject else ON)
         if reject:
@@ -253,10 +243,9 @@ def test_a_drive_that_refuses_the_mode_does_not_continue_the_stopped_task(name: 
 @pytest.mark.parametrize("speed", [FAST, SLOW])
 @pytest.mark.parametrize("reject", [True, False], ids=["rejected", "interrupted"])
 def test_telegram_9_halts_a_drive_that_refuses_homing_and_continues_the_task(*, reject: bool, speed: int) -> None:
-    make, values = MAKES["9"]
-    drive = Continuing(make().enable(), speed)
+    drive = Continuing(positioning().enable(), speed)
     for _ in range(5):
-        drive(ON | ACTIVATE, **values)
+        drive(ON | ACTIVATE)
     for _ in range(10):
         drive(ON & ~(REJECT if reject else INTERMEDIATE))
     drive.moved = 0
@@ -264,7 +253,7 @@ def test_telegram_9_halts_a_drive_that_refuses_homing_and_continues_the_task(*, 
     def homing(word: int, cycles: int) -> list[int]:
         words = []
         for _ in range(cycles):
-            words.append(drive(word, SATZANW=0x8000 | 35))
+            words.append(drive(word))
             if drive.hand.stepper.sdo_request is not None:
                 drive.hand.stepper.sdo_done(None)
         return words
@@ -273,19 +262,17 @@ def test_telegram_9_halts_a_drive_that_refuses_homing_and_continues_the_task(*, 
     assert drive.hand.stepper.reason is Reason.MODE_KEPT
     homing(ON, 100)
     assert drive.moved <= 6
-    words = [drive(ON | ACTIVATE, **values) for _ in range(6)]
+    words = [drive(ON | ACTIVATE) for _ in range(6)]
     assert any(word & NEW_SETPOINT for word in words), "the next task"
 
 
-@pytest.mark.parametrize("name", MAKES)
-def test_a_homing_starts_once_on_a_drive_that_falls_back_to_the_mode_of_the_stopped_task(name: str) -> None:
-    drive = rejected(name)
+def test_a_homing_starts_once_on_a_drive_that_falls_back_to_the_mode_of_the_stopped_task(make: Make) -> None:
+    drive = rejected(make)
     hand, words = drive.hand, [drive(ON) for _ in range(10)]
-    method = {"SATZANW": 0x8000 | 35} if name == "9" else {}
     for mode in [Mode.POSITION] * 10 + [Mode.HOMING] * 10 + [Mode.POSITION] * 5 + [Mode.HOMING] * 5:
         hand.mode = mode
         drive.runs = mode == Mode.POSITION
-        words.append(drive(ON | HOMING, **method))
+        words.append(drive(ON | HOMING))
         if hand.stepper.sdo_request is not None:
             hand.stepper.sdo_done(None)
     starts = [word for word, before in zip(words[1:], words, strict=False) if word & ~before & NEW_SETPOINT]
@@ -315,13 +302,11 @@ def test_a_homing_that_is_aborted_after_a_reject_is_not_reported_as_motion_witho
     assert not rig.stepper.command.controlword & HALT
 
 
-@pytest.mark.parametrize("name", MAKES)
 @pytest.mark.parametrize("rejected", range(1, 12))
-def test_halt_of_a_task_that_is_rejected_at_once_stays_until_the_drive_shows_it(name: str, rejected: int) -> None:
+def test_halt_of_a_task_that_is_rejected_at_once_stays_until_the_drive_shows_it(make: Make, rejected: int) -> None:
     """The drive gets each word five cycles late: before that it shows standstill, because it has not begun yet. Its speed comes a
     cycle after its acknowledge.
     """
-    make, values = MAKES[name]
     hand = make().enable()
     late = [hand.stepper.command.controlword] * 6
     braking = 0
@@ -334,6 +319,6 @@ def test_halt_of_a_task_that_is_rejected_at_once_stays_until_the_drive_shows_it(
         runs = runs and braking < 4
         shown = OPERATING | (StatusBit.MODE_12 if word & NEW_SETPOINT else 0)
         stw1 = ON | ACTIVATE if cycle < rejected else ON & ~REJECT if rejected <= cycle < rejected + 2 else ON
-        late = [*late[1:], hand(stw1, shown | (0 if runs else StatusBit.TARGET_REACHED), **values)]
+        late = [*late[1:], hand(stw1, shown | (0 if runs else StatusBit.TARGET_REACHED))]
     assert not hand.stepper.events, "the drive has stopped by the first Halt"
     assert not late[-1] & HALT

@@ -3,44 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import pytest
 
-from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from pdgw.gateway.motion.requests import PositionerChoices
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 from tests.gateway.axis.test_modulo import TABLE, drive_type
+from tests.gateway.axis.test_tasks import edges, unanswered
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
 from tests.support.axis.positioner import CHOICES
-from tests.support.drives.drive_types import References, engel
+from tests.support.axis.tasks import (
+    ACTIVATE,
+    DRIVE,
+    FAST,
+    HALT,
+    INTERMEDIATE,
+    MDI_ABSOLUTE,
+    MDI_RELATIVE,
+    NEW_SETPOINT,
+    OF_THE_MODE,
+    OFF2,
+    OFF3,
+    REJECT,
+    RELATIVE,
+    SETTING_UP,
+    TAKEN,
+    TaskHand,
+    positioner,
+)
 
-OFF2, OFF3 = ON & ~2, ON & ~4
-REJECT, INTERMEDIATE, ACTIVATE, HOMING = 0x10, 0x20, 0x40, 0x800
-HALT, NEW_SETPOINT, RELATIVE = ControlBit.HALT, ControlBit.NEW_SETPOINT, ControlBit.RELATIVE
-OF_THE_MODE = HALT | NEW_SETPOINT | RELATIVE | ControlBit.CHANGE_IMMEDIATELY
-TAKEN, REACHED = StatusBit.MODE_12, StatusBit.TARGET_REACHED
-MDI_ABSOLUTE, MDI_RELATIVE, SETTING_UP, CONTINUOUS_UPDATE = 0x8100, 0x8000, 0xC200, 0x1000
-ZSW1 = signal("ZSW1")
-HOME_SET = ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
-WARNING = ZSW1.bit("WARNING").mask
-ACKNOWLEDGED = ZSW1.bit("TASK_ACKNOWLEDGE", positioning=True).mask
-FOLLOWS = ZSW1.bit("WITHIN_TOLERANCE", positioning=True).mask
+REACHED = StatusBit.TARGET_REACHED
+CONTINUOUS_UPDATE = 0x1000
 SHOWN, SHOWN_2 = signal("POS_ZSW1"), signal("POS_ZSW2")
-DRIVE = engel(References(position_min=-2_000_000, position_max=2_000_000, max_acceleration=2000, max_deceleration=2000))
-FAST = 3000
-"""Actual speed of an axis that turns."""
-
-
-def positioner(choices: PositionerChoices = CHOICES, drive: DriveType = DRIVE, **settings: object) -> Hand:
-    """Before the first frame; homing is mode 6, method 35."""
-    values = {"OVERRIDE": 0x4000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "POS_STW1": MDI_ABSOLUTE, "MDI_VELOCITY": 3000}
-    return Hand(111, drive, Mode.POSITION, values, positioner=choices, **settings)
 
 
 def shows(hand: Hand, name: str) -> bool:
@@ -49,7 +48,7 @@ def shows(hand: Hand, name: str) -> bool:
     return bool(hand.actuals[word] & found.bit(name).mask)
 
 
-def turning() -> Hand:
+def turning() -> TaskHand:
     """Setting up in operation: the drive is in mode 3 and turns."""
     hand = positioner().enable()
     hand(ON | ACTIVATE, POS_STW1=SETTING_UP | CONTINUOUS_UPDATE)
@@ -66,7 +65,7 @@ def turning() -> Hand:
 
 def test_bit_4_and_data_stay_until_the_drive_accepts_the_setpoint() -> None:
     hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000, POS_STW1=MDI_ABSOLUTE | CONTINUOUS_UPDATE)
+    hand.task(4096, POS_STW1=MDI_ABSOLUTE | CONTINUOUS_UPDATE)
     for target in range(11_000, 20_000, 1000):
         assert hand(ON | ACTIVATE, MDI_TARPOS=target) & NEW_SETPOINT
         assert hand.target == 4096, "continuous update waits for the acknowledge"
@@ -76,34 +75,6 @@ def test_bit_4_and_data_stay_until_the_drive_accepts_the_setpoint() -> None:
     assert hand.target == round(19_000 * 0.4096)
 
 
-@pytest.mark.parametrize("end", [OFF, OFF2, OFF3, None], ids=["OFF1", "OFF2", "OFF3", "PLC lost"])
-def test_setpoint_pending_at_the_end_of_operation_is_dropped(end: int | None) -> None:
-    hand = positioner().enable()
-    assert hand(ON | ACTIVATE, MDI_TARPOS=10_000) & NEW_SETPOINT
-    assert not hand(end) & NEW_SETPOINT
-    hand(end, State.SWITCH_ON_DISABLED)
-    hand.enable()
-    assert not any(hand(ON) & OF_THE_MODE & ~HALT for _ in range(hand.latency)), "the drive may still take it"
-    assert not hand(ON) & OF_THE_MODE
-
-
-@pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
-def test_stop_withdraws_a_pending_setpoint(word: int) -> None:
-    hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
-    hand.feedback.velocity_actual = FAST
-    assert all(hand(word) & (HALT | NEW_SETPOINT) == HALT for _ in range(5))
-
-
-def test_an_edge_before_the_drive_shows_operation_starts_nothing() -> None:
-    hand = positioner()
-    hand(OFF, State.SWITCH_ON_DISABLED)
-    hand(ON, State.READY_TO_SWITCH_ON)
-    hand(ON, State.SWITCHED_ON)
-    assert not hand(ON | ACTIVATE, State.SWITCHED_ON, MDI_TARPOS=10_000) & OF_THE_MODE
-    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
-
-
 @pytest.mark.parametrize(
     ("wanted", "mode"), [(MDI_ABSOLUTE, Mode.VELOCITY), (SETTING_UP, Mode.POSITION)], ids=["position", "speed"]
 )
@@ -111,7 +82,7 @@ def test_no_setpoint_is_sent_before_the_drive_shows_its_mode(wanted: int, mode: 
     hand = positioner().enable()
     hand.mode = mode
     for _ in range(10):
-        assert not hand(ON | ACTIVATE, MDI_TARPOS=10_000, POS_STW1=wanted) & NEW_SETPOINT
+        assert not hand.task(4096, POS_STW1=wanted) & NEW_SETPOINT
         assert hand.stepper.command.target_velocity == 0
         assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
     hand.mode = Mode.VELOCITY if wanted == SETTING_UP else Mode.POSITION
@@ -123,7 +94,7 @@ def test_no_setpoint_is_sent_before_the_drive_shows_its_mode(wanted: int, mode: 
 @pytest.mark.parametrize("shown", [Mode.VELOCITY, Mode.HOMING])
 def test_a_task_rises_bit_4_once_when_the_drive_leaves_the_mode_before_it_acknowledges(shown: Mode) -> None:
     hand = positioner().enable()
-    assert hand(ON | ACTIVATE, POS_STW1=MDI_RELATIVE, MDI_TARPOS=10_000) & NEW_SETPOINT
+    assert hand.task(4096, relative=True) & NEW_SETPOINT
     hand.mode = shown
     words = [hand(ON, OPERATING | TAKEN) for _ in range(5)]
     assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
@@ -135,7 +106,7 @@ def test_a_task_rises_bit_4_once_when_the_drive_leaves_the_mode_before_it_acknow
 
 def test_setting_up_replaces_a_setpoint_that_the_drive_has_not_acknowledged() -> None:
     hand = positioner().enable()
-    assert hand(ON | ACTIVATE, MDI_TARPOS=10_000) & NEW_SETPOINT
+    assert hand.task(4096) & NEW_SETPOINT
     hand(ON)
     assert not hand(ON | ACTIVATE, POS_STW1=SETTING_UP) & NEW_SETPOINT
     hand(ON, MDI_TARPOS=20_000)
@@ -144,43 +115,11 @@ def test_setting_up_replaces_a_setpoint_that_the_drive_has_not_acknowledged() ->
     assert hand.target == 8192, "not the target of the first task again"
 
 
-def unanswered(hand: Hand, word: int = ON) -> list[int]:
-    """The Controlwords of a drive that drops the setpoint, up to the first cycle in which that is reported."""
-    words = [hand(word) for _ in range(ACKNOWLEDGE_NS // 4_000_000 - 1)]
-    assert hand.stepper.reason is None
-    assert not hand.actuals["ZSW1"] & WARNING
-    return [*words, hand(word)]
-
-
-def edges(words: list[int]) -> int:
-    return sum(word & ~before & NEW_SETPOINT != 0 for before, word in pairwise([0, *words]))
-
-
-def test_a_setpoint_that_the_drive_drops_is_reported_and_the_next_task_replaces_it() -> None:
-    hand = positioner().enable()
-    words = [hand(ON | ACTIVATE, POS_STW1=MDI_RELATIVE, MDI_TARPOS=10_000)]
-    words += unanswered(hand)
-    assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
-    assert hand.stepper.numbers == [FaultNumber.NOT_ACKNOWLEDGED]
-    words += [hand(ON) for _ in range(1000)]
-    assert edges(words) == 1, "one edge for one relative task, however long it takes"
-    assert len(hand.stepper.events) == 1, "reported once"
-    assert hand.actuals["ZSW1"] & WARNING
-    words = [hand(ON | ACTIVATE, MDI_TARPOS=5000) for _ in range(3)]
-    assert edges(words) == 1
-    assert hand.target == 2048
-    hand(ON | ACTIVATE, OPERATING | TAKEN)
-    assert hand.actuals["ZSW1"] & ACKNOWLEDGED
-    assert not hand.actuals["ZSW1"] & WARNING
-    assert not any(hand(ON, OPERATING | REACHED) & NEW_SETPOINT for _ in range(1000))
-    assert hand.stepper.reason is None
-
-
 def test_a_task_that_waits_for_a_dropped_setpoint_is_given_after_the_time() -> None:
     hand = positioner().enable()
-    hand(ON | ACTIVATE, POS_STW1=MDI_RELATIVE, MDI_TARPOS=10_000)
+    hand.task(4096, relative=True)
     hand(ON)
-    assert edges([hand(ON | ACTIVATE, MDI_TARPOS=5000)]) == 1, "still that of the first"
+    assert edges([hand.task(2048)]) == 1, "still that of the first"
     words = [hand(ON | ACTIVATE) for _ in range(ACKNOWLEDGE_NS // 4_000_000 + 10)]
     assert edges(words) == 2
     assert hand.target == 2048
@@ -195,15 +134,6 @@ def test_a_dropped_setpoint_is_not_repeated_for_the_same_task(way: str) -> None:
     assert all(hand(ON | ACTIVATE, **changed) & NEW_SETPOINT for _ in range(1000))
     assert hand.target == 4096
     assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
-
-
-def test_a_late_acknowledge_ends_the_warning() -> None:
-    hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
-    unanswered(hand, ON | ACTIVATE)
-    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
-    assert hand.stepper.reason is None
-    assert hand.actuals["ZSW1"] & (WARNING | ACKNOWLEDGED) == ACKNOWLEDGED
 
 
 def test_a_setpoint_that_waits_in_the_drive_is_not_overdue_before_the_motion_ends() -> None:
@@ -236,18 +166,9 @@ def test_anchor_of_a_modulo_axis_that_the_drive_drops_is_not_followed_by_the_tas
     assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
 
 
-def test_bit_12_of_another_mode_is_not_an_acknowledge() -> None:
-    hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
-    hand.mode = Mode.HOMING
-    hand(ON | ACTIVATE, OPERATING | TAKEN)
-    hand.mode = Mode.POSITION
-    assert hand(ON | ACTIVATE) & NEW_SETPOINT
-
-
 def test_bits_5_and_6_of_a_position_are_not_those_of_a_speed() -> None:
     hand = positioner().enable()
-    assert hand(ON | ACTIVATE, MDI_TARPOS=10_000, POS_STW1=MDI_RELATIVE) & RELATIVE
+    assert hand.task(4096, POS_STW1=MDI_RELATIVE) & RELATIVE
     hand(ON, OPERATING | TAKEN)
     hand(ON | ACTIVATE, POS_STW1=SETTING_UP)
     hand.mode = Mode.VELOCITY
@@ -258,7 +179,7 @@ def test_bits_5_and_6_of_a_position_are_not_those_of_a_speed() -> None:
 
 def test_from_a_position_to_a_speed_the_axis_is_halted_to_standstill_before_the_mode_changes() -> None:
     hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.task(4096)
     hand(ON | ACTIVATE, OPERATING | TAKEN)
     hand.feedback.velocity_actual = FAST
     hand(ON)
@@ -276,41 +197,29 @@ def test_from_a_position_to_a_speed_the_axis_is_halted_to_standstill_before_the_
 @pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
 def test_setpoint_after_a_withdrawn_one_has_its_own_data(word: int) -> None:
     hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.task(4096)
     hand(word)
     hand(word & ~REJECT)
     hand(ON & ~REJECT, OPERATING | TAKEN)
     for _ in range(3):
         assert not hand(ON) & NEW_SETPOINT
-    assert not hand(ON | ACTIVATE, MDI_TARPOS=20_000) & (HALT | NEW_SETPOINT), "Halt falls alone"
-    assert hand(ON | ACTIVATE) & NEW_SETPOINT
-    assert hand.target == 8192
-
-
-def test_an_acknowledge_never_counts_for_the_setpoint_after_the_one_it_answers() -> None:
-    hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
-    hand(ON & ~INTERMEDIATE)
-    hand(ON)
-    assert not hand(ON | ACTIVATE, MDI_TARPOS=20_000) & NEW_SETPOINT, "the drive may still take the first"
-    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
-    assert not hand.actuals["ZSW1"] & ACKNOWLEDGED
+    assert not hand.task(8192) & (HALT | NEW_SETPOINT), "Halt falls alone"
     assert hand(ON | ACTIVATE) & NEW_SETPOINT
     assert hand.target == 8192
 
 
 def test_a_setpoint_comes_after_one_that_the_drive_has_not_taken_in_time() -> None:
     hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.task(4096)
     hand(ON & ~INTERMEDIATE)
-    words = [hand(ON | ACTIVATE, MDI_TARPOS=20_000) & NEW_SETPOINT for _ in range(hand.latency - 1)]
+    words = [hand.task(8192) & NEW_SETPOINT for _ in range(hand.latency - 1)]
     assert words == [0] * (hand.latency - 2) + [NEW_SETPOINT]
     assert hand.target == 8192
 
 
 def test_speed_replaces_a_pending_setpoint() -> None:
     hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.task(4096)
     hand.feedback.velocity_actual = FAST
     hand(ON)
     assert hand(ON | ACTIVATE, POS_STW1=SETTING_UP) & (HALT | NEW_SETPOINT) == HALT
@@ -358,7 +267,7 @@ def test_from_a_speed_to_a_position_the_drive_ramps_down_by_its_speed() -> None:
 
 def test_halt_stays_in_an_intermediate_stop_and_ends_after_a_reject() -> None:
     hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.task(4096)
     hand(ON | ACTIVATE, OPERATING | TAKEN)
     stand = OPERATING | REACHED
     assert all(hand(ON & ~INTERMEDIATE | ACTIVATE, stand) & HALT for _ in range(50))
@@ -436,16 +345,6 @@ def test_off1_ramps_a_speed_down_and_halt_stays_with_the_last_command() -> None:
     assert hand(OFF, State.READY_TO_SWITCH_ON) == 0x6
     hand(OFF, State.READY_TO_SWITCH_ON)
     assert command.modes_of_operation == Mode.POSITION
-
-
-def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task() -> None:
-    hand = positioner(ramp_stop_resume=True).enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
-    hand.feedback.velocity_actual = FAST
-    assert hand(OFF) & HALT
-    hand.feedback.velocity_actual = 10
-    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
-    assert hand.stepper.power.released
 
 
 def test_outage_of_references_stops_the_axis_without_a_resume() -> None:

@@ -8,67 +8,41 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
-from pdgw.dsp402.states import State, StatusBit
+from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.values import ProbeAnswer
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_modulo import TABLE, drive_type
-from tests.gateway.axis.test_positioner_handshake import (
+from tests.gateway.axis.test_positioner_handshake import SHOWN, shows, turning
+from tests.gateway.axis.test_tasks import DUE, homed
+from tests.support.axis.hand import ON, OPERATING
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.tasks import (
     ACTIVATE,
     DRIVE,
     FAST,
-    FOLLOWS,
     HALT,
     HOME_SET,
     HOMING,
     NEW_SETPOINT,
-    OF_THE_MODE,
-    OFF2,
-    REACHED,
     REJECT,
     RELATIVE,
-    SHOWN,
     TAKEN,
     WARNING,
+    ZSW1,
+    TaskHand,
     positioner,
-    shows,
-    turning,
 )
-from tests.support.axis.hand import OFF, ON, OPERATING, Hand
-from tests.support.axis.positioner import CHOICES
+
+REACHED = StatusBit.TARGET_REACHED
+FOLLOWS = ZSW1.bit("WITHIN_TOLERANCE", positioning=True).mask
+
 
 # -- homing -------------------------------------------------------------------------------------------------------------
 
 
-DUE = 115
-"""Cycles of 4 ms until the end of a homing can be no older than its start."""
-
-
-def begin_homing(hand: Hand) -> None:
-    """The drive has taken the parameters of the homing and shows its mode."""
-    hand(ON | HOMING)
-    hand.stepper.sdo_done(None)
-    hand(ON | HOMING)
-    hand.mode = Mode.HOMING
-
-
-def homed() -> Hand:
-    """With method 35, which is immediate."""
-    hand = positioner().enable()
-    begin_homing(hand)
-    for _ in range(3):
-        hand(ON | HOMING)
-    for _ in range(DUE):
-        hand(ON | HOMING, OPERATING | TAKEN | REACHED)
-    assert hand.actuals["ZSW1"] & HOME_SET
-    hand.mode = Mode.POSITION
-    hand(ON)
-    assert hand.actuals["ZSW1"] & HOME_SET
-    return hand
-
-
 def test_homing_on_a_limit_switch_has_no_warning() -> None:
     hand = positioner().enable()
-    begin_homing(hand)
+    hand.begin_homing()
     for _ in range(3 * DUE):
         hand(ON | HOMING, OPERATING | StatusBit.INTERNAL_LIMIT)
         assert (hand.stepper.reason, hand.stepper.warning) == (None, 0)
@@ -79,8 +53,8 @@ def test_homing_on_a_limit_switch_has_no_warning() -> None:
 
 
 def test_a_homing_attained_of_before_is_not_the_end_of_a_homing_whose_statusword_is_late() -> None:
-    hand = homed()
-    begin_homing(hand)
+    hand = homed(positioner)
+    hand.begin_homing()
     for _ in range(hand.stepper.settings.reaction_ns // hand.stepper.settings.cycle_ns):
         hand(ON | HOMING, OPERATING | TAKEN | REACHED)
     for _ in range(DUE):
@@ -92,22 +66,13 @@ def test_a_homing_attained_of_before_is_not_the_end_of_a_homing_whose_statusword
     assert hand.actuals["ZSW1"] & HOME_SET
 
 
-def test_loss_of_the_drive_for_a_cycle_clears_the_home_position() -> None:
-    hand = homed()
-    hand.online = False
-    hand(ON)
-    hand.online = True
-    hand(ON)
-    assert not hand.actuals["ZSW1"] & HOME_SET
-
-
 @pytest.mark.parametrize(("value", "kept"), [(0, True), (0x80, False)], ids=["same value", "another value"])
 def test_another_unit_or_polarity_of_positions_clears_the_home_position(value: int, kept: bool) -> None:
     def read_again(polarity: int) -> None:
         hand.stepper.set_drive(replace(DRIVE, position_objects={(0x607E, 0): polarity}), homing_method=35)
         hand(ON)
 
-    hand = homed()
+    hand = homed(positioner)
     read_again(0)
     assert hand.actuals["ZSW1"] & HOME_SET, "nothing is known to have changed"
     read_again(value)
@@ -131,95 +96,6 @@ def test_homing_waits_for_standstill_in_the_present_mode() -> None:
     assert hand.stepper.sdo_request is not None
 
 
-def test_homing_starts_when_the_drive_has_its_method_and_shows_mode_6() -> None:
-    hand = positioner().enable()
-    for _ in range(5):
-        assert not hand(ON | HOMING) & OF_THE_MODE
-        assert hand.stepper.command.modes_of_operation == Mode.POSITION
-        assert hand.stepper.reason is Reason.HOMING_SETUP
-    hand.stepper.sdo_done(None)
-    for _ in range(5):
-        assert not hand(ON | HOMING) & OF_THE_MODE
-        assert hand.stepper.command.modes_of_operation == Mode.HOMING
-    hand.mode = Mode.HOMING
-    assert hand(ON | HOMING) & OF_THE_MODE == NEW_SETPOINT
-    assert all(hand(ON | HOMING) & OF_THE_MODE == NEW_SETPOINT for _ in range(10))
-
-
-def test_withdrawn_homing_halts_in_mode_6_and_halt_ends_alone() -> None:
-    hand = positioner().enable()
-    begin_homing(hand)
-    hand(ON | HOMING)
-    hand.feedback.velocity_actual = FAST
-    command = hand.stepper.command
-    for _ in range(5):
-        assert hand(ON) & OF_THE_MODE == HALT
-        assert command.modes_of_operation == Mode.HOMING
-    hand.feedback.velocity_actual = 0
-    assert not hand(ON) & OF_THE_MODE
-    assert command.modes_of_operation == Mode.HOMING
-    assert not hand(ON) & OF_THE_MODE
-    assert command.modes_of_operation == Mode.POSITION
-
-
-@pytest.mark.parametrize("end", [OFF, OFF2], ids=["OFF1", "OFF2"])
-def test_homing_halt_ends_before_the_mode_changes_after_operation(end: int) -> None:
-    hand = positioner().enable()
-    begin_homing(hand)
-    hand(ON | HOMING)
-    hand.feedback.velocity_actual = FAST
-    assert hand(end if end == OFF else ON) & HALT
-    hand(end, State.READY_TO_SWITCH_ON)
-    command = hand.stepper.command
-    assert (command.controlword & HALT, command.modes_of_operation) == (0, Mode.HOMING)
-    hand(end, State.READY_TO_SWITCH_ON)
-    assert (command.controlword & HALT, command.modes_of_operation) == (0, Mode.POSITION)
-
-
-def test_second_homing_waits_for_the_drive_like_the_first() -> None:
-    hand = homed()
-    begin_homing(hand)
-    for _ in range(DUE):
-        assert hand(ON | HOMING) & NEW_SETPOINT
-        assert not hand.actuals["ZSW1"] & HOME_SET
-    shown = []
-    for _ in range(4):
-        hand(ON | HOMING, OPERATING | TAKEN | REACHED)
-        shown.append(bool(hand.actuals["ZSW1"] & HOME_SET))
-    assert shown == [False, False, False, True], "the position is of the same moment two cycles later"
-
-
-def test_old_homing_status_does_not_end_the_next_homing() -> None:
-    """Of a drive that shows its zero while it is given the next start: until its Statusword is surely newer."""
-    hand = homed()
-    left = OPERATING | TAKEN | REACHED
-    begin_homing(hand)
-    late = hand.stepper.settings.reaction_ns // hand.stepper.settings.cycle_ns
-    for _ in range(late):
-        hand(ON | HOMING, left)
-        assert not hand.actuals["ZSW1"] & HOME_SET
-    for _ in range(24):
-        hand(ON | HOMING, left)
-    assert hand.actuals["ZSW1"] & HOME_SET, "method 35 is immediate"
-
-
-def test_late_sdo_answer_of_an_ended_homing_does_not_start_the_next() -> None:
-    hand = positioner().enable()
-    hand(ON | HOMING)
-    hand(OFF2)
-    hand(OFF2, State.SWITCH_ON_DISABLED)
-    hand.enable()
-    hand(ON | HOMING)
-    hand.stepper.sdo_done(None)
-    hand(ON | HOMING)
-    assert hand.stepper.command.modes_of_operation == Mode.POSITION
-    assert hand.stepper.sdo_request is not None, "asked anew"
-    hand.stepper.sdo_done(None)
-    hand(ON | HOMING)
-    hand(ON | HOMING)
-    assert hand.stepper.command.modes_of_operation == Mode.HOMING
-
-
 @pytest.mark.parametrize("method", [None, 99])
 def test_unsupported_homing_method_warns_and_starts_nothing(method: int | None) -> None:
     hand = positioner(replace(CHOICES, homing_method=method)).enable()
@@ -234,34 +110,10 @@ def test_unsupported_homing_method_warns_and_starts_nothing(method: int | None) 
     assert not hand.actuals["ZSW1"] & HOME_SET
 
 
-def test_rejected_homing_parameters_end_the_homing_with_a_warning() -> None:
-    hand = positioner().enable()
-    hand(ON | HOMING)
-    hand.stepper.sdo_done("refused")
-    for _ in range(10):
-        assert not hand(ON | HOMING) & NEW_SETPOINT
-        assert hand.stepper.command.modes_of_operation == Mode.POSITION
-    assert hand.stepper.numbers == [FaultNumber.HOMING_PARAMETERS]
-    assert hand.stepper.reason is Reason.HOMING_REFUSED
-    assert hand.actuals["ZSW1"] & WARNING
-
-
-def test_homing_error_ends_the_homing_and_returns_to_mode_1() -> None:
-    hand = positioner().enable()
-    begin_homing(hand)
-    for _ in range(3):
-        hand(ON | HOMING)
-    words = [hand(ON | HOMING, OPERATING | StatusBit.MODE_13) for _ in range(DUE + 25)]
-    assert not words[-1] & OF_THE_MODE
-    assert hand.stepper.command.modes_of_operation == Mode.POSITION
-    assert hand.stepper.numbers == [FaultNumber.HOMING]
-    assert not hand.actuals["ZSW1"] & HOME_SET
-
-
 # -- a modulo axis ------------------------------------------------------------------------------------------------------
 
 
-def ring() -> Hand:
+def ring() -> TaskHand:
     hand = positioner(TABLE, drive_type(wraps=True)).enable()
     hand.feedback.position_actual = 3000
     hand(ON)
@@ -386,16 +238,6 @@ def test_bit_13_is_a_following_error_in_mode_1_alone(mode: Mode, shown: bool) ->
     assert bool(hand.actuals["ZSW1"] & FOLLOWS) is not shown
 
 
-def test_a_task_at_a_limit_of_the_drive_is_halted_after_half_a_second_and_not_before() -> None:
-    hand = positioner().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
-    hand(ON | ACTIVATE, OPERATING | TAKEN)
-    words = [hand(ON | ACTIVATE, OPERATING | StatusBit.INTERNAL_LIMIT) & HALT for _ in range(130)]
-    assert not any(words[:124])
-    assert words[-1]
-    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10)), "a switch that is released starts nothing"
-
-
 def test_meldw_shows_the_state_of_the_drive() -> None:
     hand = positioner().enable()
     slow = hand.actuals["MELDW"]
@@ -456,7 +298,7 @@ def test_velocity_cut_by_a_limit_of_the_drive_is_counted() -> None:
 
 
 def test_no_old_value_is_shown_while_references_are_invalid() -> None:
-    hand = homed()
+    hand = homed(positioner)
     hand.feedback.velocity_actual = FAST
     hand(ON)
     assert hand.actuals["NIST_B"]

@@ -14,7 +14,11 @@ from pdgw.gateway.motion.blocks import Block, BlockTask
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.signals import float_of, float_pattern, signal
 from pdgw.profidrive.telegrams import telegram
-from tests.gateway.axis.test_positioner_handshake import (
+from tests.gateway.axis.test_positioner_handshake import shows
+from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import Rig
+from tests.support.axis.tasks import (
     ACTIVATE,
     DRIVE,
     HOMING,
@@ -24,11 +28,7 @@ from tests.gateway.axis.test_positioner_handshake import (
     TAKEN,
     WARNING,
     positioner,
-    shows,
 )
-from tests.support.axis.hand import OFF, ON, OPERATING, Hand
-from tests.support.axis.positioner import CHOICES
-from tests.support.axis.rig import Rig
 from tests.support.documents.profile_numbers import word_positions
 from tests.support.gateways.daemon import axis
 

@@ -15,24 +15,26 @@ from pdgw.gateway.axis.executors.positions.limits import TaskScaling
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import Machine
 from pdgw.peers.drive.objects import HOMING_METHODS, TURNTABLE
-from pdgw.profidrive.datatypes import N4_100_PERCENT, n4
+from pdgw.profidrive.datatypes import N4_100_PERCENT
 from pdgw.profidrive.signals import signal
+from tests.support.axis.hand import ON
 from tests.support.axis.rig import Rig
+from tests.support.axis.tasks import (
+    ACKNOWLEDGED,
+    ACTIVATE,
+    HOME_SET,
+    HOMING,
+    INTERMEDIATE,
+    POSITION,
+    REACHED,
+    REJECT,
+    WARNING,
+    ZSW1,
+)
 from tests.support.drives.drive_types import engel
 
-ZSW1 = signal("ZSW1")
-REACHED = ZSW1.bit("TARGET_REACHED", positioning=True).mask
-HOME_SET = ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
-ACKNOWLEDGE = ZSW1.bit("TASK_ACKNOWLEDGE", positioning=True).mask
 STOPPED = ZSW1.bit("DRIVE_STOPPED", positioning=True).mask
-WARNING = ZSW1.bit("WARNING").mask
 MDI_ACTIVE = signal("AKTSATZ").bit("MDI_ACTIVE").mask
-ON = 0x043F
-ACTIVATE = 0x40
-REJECT = 0x10
-INTERMEDIATE = 0x20
-HOMING = 0x800
-POSITION = n4(500_000, (-(1 << 31), (1 << 31) - 1))
 SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30_000, positive_stop=30_000)
 
 
@@ -80,15 +82,15 @@ def test_absolute_and_relative_tasks_end_at_their_targets() -> None:
 def test_handshake_cw4_stays_until_stw1_6_falls_and_zsw1_12_follows() -> None:
     rig = axis()
     rig.values |= {"MDI_TARPOS": POSITION.to_wire(200_000), "STW1": ON | ACTIVATE}
-    rig.until(lambda actuals: bool(actuals["ZSW1"] & ACKNOWLEDGE), 5)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & ACKNOWLEDGED), 5)
     rig.step(20)
-    assert rig.actuals["ZSW1"] & ACKNOWLEDGE
+    assert rig.actuals["ZSW1"] & ACKNOWLEDGED
     assert rig.stepper.command.controlword & ControlBit.NEW_SETPOINT
     rig.values["STW1"] = ON
     rig.step(1)
     assert not rig.stepper.command.controlword & ControlBit.NEW_SETPOINT
     rig.step(1)
-    assert not rig.actuals["ZSW1"] & ACKNOWLEDGE
+    assert not rig.actuals["ZSW1"] & ACKNOWLEDGED
 
 
 def test_edge_during_the_handshake_is_latched_with_its_own_data() -> None:
@@ -254,9 +256,9 @@ def test_homing_with_every_method_of_the_guide(method: int) -> None:
     rig = axis(SMALL)
     home(rig, method)
     if method != 35:
-        assert not rig.actuals["ZSW1"] & (REACHED | HOME_SET | ACKNOWLEDGE)
+        assert not rig.actuals["ZSW1"] & (REACHED | HOME_SET | ACKNOWLEDGED)
     rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
-    assert rig.actuals["ZSW1"] & (REACHED | STOPPED | ACKNOWLEDGE) == REACHED | STOPPED
+    assert rig.actuals["ZSW1"] & (REACHED | STOPPED | ACKNOWLEDGED) == REACHED | STOPPED
     assert rig.actuals["AKTSATZ"] & 0xFF == method & 0xFF
     rig.values["STW1"] = ON
     rig.step(4)
@@ -273,19 +275,6 @@ def test_homing_speed_comes_from_mdi_velocity_in_velocity_units() -> None:
     rig.values["MDI_VELOCITY"] = 1 << 29
     home(rig, 17)
     assert rig.node.read(0x6099, 1) == rig.node.read(0x6099, 2) == 3000
-
-
-def test_homing_stopped_before_its_end_halts_and_returns_to_mode_1() -> None:
-    rig = axis(SMALL)
-    home(rig, 17)
-    rig.step(20)
-    rig.values["STW1"] = ON
-    rig.step(1)
-    assert rig.stepper.command.controlword & (ControlBit.HALT | ControlBit.NEW_SETPOINT) == ControlBit.HALT
-    assert rig.stepper.reason is Reason.HOMING_STOPPED
-    rig.until(lambda _: rig.feedback.modes_of_operation_display == Mode.POSITION)
-    assert not rig.actuals["ZSW1"] & HOME_SET
-    assert not rig.stepper.command.controlword & ControlBit.HALT
 
 
 def test_reject_stops_a_homing_which_does_not_begin_again_with_stw1_4() -> None:
@@ -362,26 +351,6 @@ def test_a_homing_error_warns_and_leaves_the_home_position_unset() -> None:
     rig.until(lambda actuals: bool(actuals["ZSW1"] & WARNING))
     assert rig.stepper.numbers == [109]
     assert not rig.actuals["ZSW1"] & HOME_SET
-
-
-def test_rejected_homing_parameters_prevent_homing() -> None:
-    rig = axis(SMALL)
-    rig.sdo_error = "time-out"
-    home(rig, 17)
-    rig.step(10)
-    assert rig.stepper.numbers == [111]
-    assert rig.feedback.modes_of_operation_display == Mode.POSITION
-
-
-def test_homing_waits_for_slow_sdo_and_for_the_mode_before_it_starts() -> None:
-    rig = axis(SMALL)
-    rig.sdo_delay = 25
-    home(rig, 17)
-    assert rig.stepper.reason is Reason.HOMING_SETUP
-    for _ in range(20):
-        rig.step()
-        assert not rig.stepper.command.controlword & ControlBit.NEW_SETPOINT
-    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
 
 
 def test_homing_clears_the_home_position_at_its_start() -> None:

@@ -6,54 +6,43 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive.objects import TURNTABLE
-from tests.gateway.axis.test_positioning import (
-    ACKNOWLEDGE,
+from tests.gateway.axis.test_positioning import SMALL, axis, home, position, task
+from tests.support.axis.hand import OFF, ON, OPERATING
+from tests.support.axis.tasks import (
+    ACKNOWLEDGED,
     ACTIVATE,
+    FAST,
+    HALT,
     HOME_SET,
     HOMING,
     INTERMEDIATE,
+    NEW_SETPOINT,
     POSITION,
     REACHED,
     REJECT,
-    SMALL,
+    TAKEN,
     WARNING,
-    axis,
-    home,
-    position,
-    task,
+    TaskHand,
+    positioning,
 )
-from tests.support.axis.hand import OFF, ON, OPERATING, Hand
-from tests.support.drives.drive_types import engel
-
-OFF2, OFF3 = ON & ~2, ON & ~4
-HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT
-TAKEN = StatusBit.MODE_12
-
-
-def positioning(**settings: object) -> Hand:
-    """Telegram 9, before the first frame."""
-    mode = TURNTABLE.mode if settings.get("modulo_axis") else Mode.POSITION
-    values = {"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 1 << 14, "MDI_DEC": 1 << 14, "MDI_MOD": 1}
-    return Hand(9, engel(), mode, values, **settings)
 
 
 def test_edge_of_one_cycle_keeps_bit_4_until_the_drive_accepts_the_task() -> None:
     hand = positioning().enable()
-    assert hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000)) & NEW_SETPOINT
+    assert hand.task(5_000) & NEW_SETPOINT
     assert all(hand(ON) & NEW_SETPOINT for _ in range(20))
     assert not hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
 
 
 def test_edge_during_a_handshake_waits_until_bit_4_and_acknowledge_are_0() -> None:
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand(ON)
-    word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    word = hand.task(7_000)
     assert (word & NEW_SETPOINT, hand.target) == (NEW_SETPOINT, 5_000), "the data of the edge the drive has not taken"
     assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT, "the bit of the second edge stands"
     old = OPERATING | TAKEN | StatusBit.TARGET_REACHED
@@ -64,110 +53,17 @@ def test_edge_during_a_handshake_waits_until_bit_4_and_acknowledge_are_0() -> No
     assert hand.target == 7_000
 
 
-@pytest.mark.parametrize("end", [OFF, OFF2, OFF3, None], ids=["OFF1", "OFF2", "OFF3", "PLC lost"])
-@pytest.mark.parametrize("waits", [False, True], ids=["given", "waiting"])
-def test_edge_pending_at_the_end_of_operation_starts_nothing_later(end: int | None, waits: bool) -> None:
-    hand = positioning().enable()
-    if waits:
-        hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
-        hand(ON)
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
-    hand(ON)
-    assert not hand(end) & NEW_SETPOINT
-    hand(end, State.SWITCH_ON_DISABLED)
-    hand.enable()
-    assert not any(hand(ON) & NEW_SETPOINT for _ in range(hand.latency)), "the drive may still take it"
-    assert not hand(ON) & (NEW_SETPOINT | HALT)
-    assert hand.stepper.reason is None
-
-
-@pytest.mark.parametrize("waits", [False, True], ids=["given", "waiting"])
-def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task(waits: bool) -> None:
-    hand = positioning(ramp_stop_resume=True).enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
-    hand(ON, OPERATING if waits else OPERATING | TAKEN)
-    hand.feedback.velocity_actual = 3000
-    if waits:
-        hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
-    assert hand(OFF) & HALT
-    assert all(hand(ON) & (NEW_SETPOINT | HALT) == HALT for _ in range(10)), (
-        "a drive may continue the task without Halt"
-    )
-    hand.feedback.velocity_actual = 0
-    assert not any(hand(ON) & NEW_SETPOINT for _ in range(hand.latency))
-    assert not hand(ON) & (NEW_SETPOINT | HALT)
-    assert hand.stepper.power.released
-
-
 def test_task_edge_in_the_resuming_frame_waits_until_halt_has_ended() -> None:
     hand = positioning(ramp_stop_resume=True).enable()
-    hand.feedback.velocity_actual = 3000
+    hand.feedback.velocity_actual = FAST
     assert hand(OFF) & HALT
-    assert not hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000)) & (HALT | NEW_SETPOINT)
+    assert not hand.task(5_000) & (HALT | NEW_SETPOINT)
     assert hand(ON | ACTIVATE) & NEW_SETPOINT
-
-
-def test_an_edge_before_the_drive_shows_operation_starts_nothing() -> None:
-    hand = positioning()
-    hand(OFF, State.SWITCH_ON_DISABLED)
-    hand(ON, State.READY_TO_SWITCH_ON)
-    hand(ON, State.SWITCHED_ON)
-    hand(ON | ACTIVATE, State.SWITCHED_ON, MDI_TARPOS=POSITION.to_wire(5_000))
-    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
-
-
-@pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
-def test_pending_task_is_stopped_with_bit_4_at_0(word: int) -> None:
-    hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
-    hand.feedback.velocity_actual = 3000
-    assert hand(word) & HALT
-    assert hand(ON & ~REJECT) & (HALT | NEW_SETPOINT) == HALT
-    assert hand(ON) & (HALT | NEW_SETPOINT) == HALT, "until standstill"
-    hand.feedback.velocity_actual = 0
-    late = [hand(ON) & (HALT | NEW_SETPOINT) for _ in range(AxisSettings().latency_ns // 4_000_000)]
-    assert late[:50] == [HALT] * 50, "the drive has not acknowledged the setpoint and may still start"
-    assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
-
-
-def test_bit_12_of_another_mode_is_not_an_acknowledge_of_a_task() -> None:
-    hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
-    hand.mode = Mode.HOMING
-    assert hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
-    assert not hand.actuals["ZSW1"] & ACKNOWLEDGE
-    hand.mode = Mode.POSITION
-    assert not hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
-    assert hand.actuals["ZSW1"] & ACKNOWLEDGE
-
-
-def test_a_task_that_the_drive_drops_is_reported_and_the_next_one_replaces_it() -> None:
-    hand = positioning().enable()
-    words = [hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0)]
-    hand.mode = Mode.HOMING
-    words += [hand(ON, OPERATING | TAKEN)]
-    hand.mode = Mode.POSITION
-    words += [hand(ON) for _ in range(ACKNOWLEDGE_NS // 4_000_000 - 2)]
-    assert hand.stepper.reason is None
-    words += [hand(ON)]
-    assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
-    assert hand.stepper.numbers == [FaultNumber.NOT_ACKNOWLEDGED]
-    words += [hand(ON) for _ in range(1000)]
-    assert all(word & NEW_SETPOINT for word in words), "one edge for one relative task"
-    assert len(hand.stepper.events) == 1, "reported once"
-    assert hand.actuals["ZSW1"] & WARNING
-    assert not hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000)) & NEW_SETPOINT
-    assert hand(ON | ACTIVATE) & NEW_SETPOINT
-    assert hand.target == 7_000
-    assert hand.stepper.reason is None
-    assert not hand.actuals["ZSW1"] & WARNING
-    hand(ON, OPERATING | TAKEN)
-    assert not any(hand(ON) & NEW_SETPOINT for _ in range(1000))
 
 
 def test_a_task_that_the_drive_takes_only_after_an_intermediate_stop_is_not_overdue() -> None:
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     assert all(hand(ON & ~INTERMEDIATE) & HALT for _ in range(1000))
     assert [hand(ON) & (HALT | NEW_SETPOINT) for _ in range(2)] == [0, NEW_SETPOINT]
     hand(ON, OPERATING | TAKEN)
@@ -175,33 +71,23 @@ def test_a_task_that_the_drive_takes_only_after_an_intermediate_stop_is_not_over
     assert not hand.actuals["ZSW1"] & WARNING
 
 
-def test_a_late_acknowledge_of_a_task_ends_the_warning() -> None:
-    hand = positioning().enable()
-    for _ in range(1000):
-        hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
-    assert hand.actuals["ZSW1"] & WARNING
-    assert hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
-    assert hand.stepper.reason is None
-    assert hand.actuals["ZSW1"] & (WARNING | ACKNOWLEDGE) == ACKNOWLEDGE
-
-
 @pytest.mark.parametrize("mod", [0b001, 0b011, 0b101])
 def test_task_direction_is_ignored_without_a_modulo_axis(mod: int) -> None:
     hand = positioning().enable()
-    word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=mod)
+    word = hand.task(5_000, MDI_MOD=mod)
     assert word & NEW_SETPOINT
     assert not word & (TURNTABLE.shortest | TURNTABLE.ccw)
 
 
 def test_shortest_distance_of_a_modulo_axis_is_sent_to_the_drive() -> None:
     hand = positioning(modulo_axis=True).enable()
-    word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0b001)
+    word = hand.task(5_000, MDI_MOD=0b001)
     assert word & (TURNTABLE.shortest | TURNTABLE.ccw) == TURNTABLE.shortest
 
 
 def test_edge_during_the_last_acknowledge_is_a_rejectable_task() -> None:
     hand = positioning().enable()
-    assert not hand(ON | ACTIVATE, OPERATING | TAKEN, MDI_TARPOS=POSITION.to_wire(5_000)) & NEW_SETPOINT
+    assert not hand.task(5_000, OPERATING | TAKEN) & NEW_SETPOINT
     hand(ON | ACTIVATE, OPERATING | TAKEN)
     assert not hand.actuals["ZSW1"] & REACHED
     hand(ON & ~REJECT, OPERATING | TAKEN)
@@ -210,7 +96,7 @@ def test_edge_during_the_last_acknowledge_is_a_rejectable_task() -> None:
 
 def test_target_reached_stays_while_the_bit_of_the_ended_task_is_set() -> None:
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     ended = OPERATING | TAKEN | StatusBit.TARGET_REACHED
     hand(ON | ACTIVATE, ended)
     shown = []
@@ -222,9 +108,9 @@ def test_target_reached_stays_while_the_bit_of_the_ended_task_is_set() -> None:
 
 def test_removed_mdi_brakes_the_task_and_is_the_reason_until_standstill() -> None:
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand(ON, OPERATING | TAKEN)
-    hand.feedback.velocity_actual = 3000
+    hand.feedback.velocity_actual = FAST
     for _ in range(3):
         assert hand(ON, SATZANW=0) & HALT
         assert hand.stepper.reason is Reason.MDI_OFF
@@ -235,12 +121,12 @@ def test_removed_mdi_brakes_the_task_and_is_the_reason_until_standstill() -> Non
     assert hand.stepper.reason is None
 
 
-def braking() -> Hand:
+def braking() -> TaskHand:
     """A task that was rejected and has not come to standstill."""
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand(ON, OPERATING | TAKEN)
-    hand.feedback.velocity_actual = 3000
+    hand.feedback.velocity_actual = FAST
     assert hand(ON & ~REJECT) & HALT
     return hand
 
@@ -248,7 +134,7 @@ def braking() -> Hand:
 @pytest.mark.parametrize(("word", "satzanw"), [(ON & ~REJECT, 0x8000), (ON, 0)], ids=["reject", "no MDI"])
 def test_edge_while_braking_is_cancelled_by_one_frame_without_it(word: int, satzanw: int) -> None:
     hand = braking()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    hand.task(7_000)
     hand(word, SATZANW=satzanw)
     hand(ON, SATZANW=0x8000)
     hand.feedback.velocity_actual = 0
@@ -268,7 +154,7 @@ def test_homing_withdrawn_before_standstill_does_not_start() -> None:
 
 def test_relative_task_pending_at_a_stop_is_sent_unchanged_later() -> None:
     hand = positioning().enable()
-    hand(ON | ACTIVATE, OPERATING | TAKEN, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0)
+    hand.task(5_000, OPERATING | TAKEN, relative=True)
     hand(ON & ~INTERMEDIATE)
     hand(ON)
     assert hand(ON) & (NEW_SETPOINT | ControlBit.RELATIVE) == NEW_SETPOINT | ControlBit.RELATIVE
@@ -277,7 +163,7 @@ def test_relative_task_pending_at_a_stop_is_sent_unchanged_later() -> None:
 
 def test_edge_during_an_intermediate_stop_replaces_the_kept_task_data() -> None:
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand(ON, OPERATING | TAKEN)
     stop = ON & ~INTERMEDIATE
     hand(stop)
@@ -286,21 +172,6 @@ def test_edge_during_an_intermediate_stop_replaces_the_kept_task_data() -> None:
     assert not hand(ON) & (HALT | NEW_SETPOINT)
     assert hand(ON) & NEW_SETPOINT
     assert hand.target == 7_000
-
-
-def test_late_sdo_answer_of_an_ended_homing_does_not_start_the_next() -> None:
-    hand = positioning().enable()
-    hand(ON | HOMING, SATZANW=0x8000 | 17)
-    hand(OFF2)
-    hand(OFF2, State.SWITCH_ON_DISABLED)
-    hand.enable()
-    hand(ON | HOMING, SATZANW=0x8000 | 18)
-    hand.stepper.sdo_done(None)
-    hand(ON | HOMING)
-    hand(ON | HOMING)
-    assert hand.stepper.command.modes_of_operation == Mode.POSITION
-    assert hand.stepper.sdo_request is not None
-    assert hand.stepper.sdo_request[0] == SdoWrite(0x6098, 0, 18)
 
 
 def test_homing_with_velocity_0_uses_the_lowest_velocity() -> None:
@@ -326,7 +197,7 @@ def test_homing_while_braking_uses_method_and_speed_of_its_edge() -> None:
 
 def test_homing_that_interrupts_a_task_drops_the_waiting_edge() -> None:
     hand = braking()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    hand.task(7_000)
     hand(ON | HOMING, SATZANW=0x8000 | 17)
     hand.feedback.velocity_actual = 0
     hand(ON | HOMING)
@@ -365,7 +236,7 @@ def test_task_edge_in_the_frame_that_withdraws_a_waiting_homing_starts(answered:
     if answered:
         hand.stepper.sdo_done(None)
         hand(ON | HOMING)
-    word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    word = hand.task(7_000)
     for _ in range(AxisSettings().latency_ns // 4_000_000 + 2 if answered else 5):
         hand.feedback.modes_of_operation_display = hand.stepper.command.modes_of_operation
         word = hand(ON | ACTIVATE if stays else ON)
@@ -423,7 +294,7 @@ def test_task_edge_at_the_end_of_a_failed_homing_clears_its_warning() -> None:
 def test_intermediate_stop_ends_the_handshake_of_its_task() -> None:
     hand = positioning().enable()
     stop = ON & ~INTERMEDIATE
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     assert hand(stop) & (HALT | NEW_SETPOINT) == HALT | NEW_SETPOINT, "the drive has not taken it"
     assert hand(stop, OPERATING | TAKEN) & (HALT | NEW_SETPOINT) == HALT
     assert hand(stop) & (HALT | NEW_SETPOINT) == HALT
@@ -432,9 +303,9 @@ def test_intermediate_stop_ends_the_handshake_of_its_task() -> None:
 def test_task_waiting_at_an_intermediate_stop_is_resumed() -> None:
     hand = positioning().enable()
     stop = ON & ~INTERMEDIATE
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand(ON)
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    hand.task(7_000)
     assert hand(stop) & (HALT | NEW_SETPOINT) == HALT, "the edge of the first is over"
     assert not hand(ON) & (HALT | NEW_SETPOINT)
     assert not hand(ON, OPERATING | TAKEN) & (HALT | NEW_SETPOINT), "the drive took the first late"
@@ -442,52 +313,22 @@ def test_task_waiting_at_an_intermediate_stop_is_resumed() -> None:
     assert hand.target == 7_000
 
 
-@pytest.mark.parametrize("word", [ON & ~INTERMEDIATE, ON & ~REJECT], ids=["intermediate stop", "reject"])
-def test_an_acknowledge_never_counts_for_the_task_after_the_one_it_answers(word: int) -> None:
-    hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(3_000))
-    hand(ON, OPERATING | TAKEN)
-    hand(ON)
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
-    hand(word)
-    hand(ON)
-    assert not hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000)) & NEW_SETPOINT, (
-        "the drive may still take the first"
-    )
-    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
-    assert not hand.actuals["ZSW1"] & ACKNOWLEDGE
-    words = [hand(ON | ACTIVATE, OPERATING | StatusBit.TARGET_REACHED) & NEW_SETPOINT for _ in range(3)]
-    assert words[-1], "the axis has stopped"
-    assert hand.target == 7_000
-
-
-def test_an_acknowledge_never_counts_for_a_task_after_off_and_on() -> None:
-    hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
-    hand(OFF, State.READY_TO_SWITCH_ON)
-    hand(ON, State.SWITCHED_ON)
-    hand(ON)
-    for status in (OPERATING, OPERATING | TAKEN):
-        assert not hand(ON | ACTIVATE, status, MDI_TARPOS=POSITION.to_wire(7_000)) & NEW_SETPOINT
-        assert not hand.actuals["ZSW1"] & ACKNOWLEDGE
-
-
 def test_acknowledge_of_a_rejected_task_is_not_shown_for_the_next_edge() -> None:
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand(ON | ACTIVATE, OPERATING | TAKEN)
-    assert hand.actuals["ZSW1"] & ACKNOWLEDGE
+    assert hand.actuals["ZSW1"] & ACKNOWLEDGED
     hand.feedback.velocity_actual = 300
     for stw1 in (ON & ~REJECT, ON, ON | ACTIVATE):
         hand(stw1, OPERATING | TAKEN)
-        assert not hand.actuals["ZSW1"] & ACKNOWLEDGE, "the drive has not seen that bit 4 is 0"
+        assert not hand.actuals["ZSW1"] & ACKNOWLEDGED, "the drive has not seen that bit 4 is 0"
 
 
 @pytest.mark.parametrize("relative", [False, True])
 def test_resumed_task_of_a_modulo_axis_ends_at_its_target(relative: bool) -> None:
     hand = positioning(modulo_axis=True).enable()
     hand.feedback.position_actual = 1_000
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0 if relative else 0b011)
+    hand.task(5_000, MDI_MOD=0 if relative else 0b011)
     hand(ON, OPERATING | TAKEN)
     hand.feedback.position_actual = 3_000
     hand(ON & ~INTERMEDIATE)
@@ -498,22 +339,6 @@ def test_resumed_task_of_a_modulo_axis_ends_at_its_target(relative: bool) -> Non
 
 
 # -- Halt and the mode ------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("end", [OFF2, OFF3], ids=["OFF2", "OFF3"])
-def test_halt_of_a_braked_homing_ends_alone_also_after_operation(end: int) -> None:
-    rig = axis(SMALL)
-    home(rig, 17)
-    rig.step(20)
-    rig.values["STW1"] = ON
-    rig.step(2)
-    command = rig.stepper.command
-    assert (command.controlword & HALT, command.modes_of_operation) == (HALT, Mode.HOMING)
-    rig.values["STW1"] = end
-    rig.step(1)
-    assert (command.controlword & HALT, command.modes_of_operation) == (0, Mode.HOMING)
-    rig.step(1)
-    assert command.modes_of_operation == Mode.POSITION
 
 
 def test_off1_ramps_a_homing_down_in_its_own_mode() -> None:
@@ -550,10 +375,10 @@ HALF_A_SECOND, TEN_SECONDS = 125, 2500
 """Cycles."""
 
 
-def at_limit(cycles: int) -> Hand:
+def at_limit(cycles: int) -> TaskHand:
     """A task that was given this number of cycles ago, with the drive at its limit since then."""
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand(ON, OPERATING | TAKEN)
     for _ in range(cycles):
         assert not hand(ON, AT_LIMIT) & HALT
@@ -562,7 +387,7 @@ def at_limit(cycles: int) -> Hand:
 
 def test_task_replacing_one_at_a_limit_has_the_time_of_a_way_out() -> None:
     hand = at_limit(HALF_A_SECOND - 5)
-    hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
+    hand.task(-5_000, AT_LIMIT)
     assert hand.target == -5_000
     assert not hand(ON, AT_LIMIT | TAKEN) & HALT
     assert not any(hand(ON, AT_LIMIT) & HALT for _ in range(TEN_SECONDS - 1))
@@ -573,7 +398,7 @@ def test_task_after_one_ended_at_a_limit_has_the_time_of_a_way_out() -> None:
     hand = at_limit(HALF_A_SECOND - 5)
     hand(ON, AT_LIMIT | StatusBit.TARGET_REACHED)
     assert hand.actuals["ZSW1"] & REACHED
-    hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
+    hand.task(-5_000, AT_LIMIT)
     assert not any(hand(ON, AT_LIMIT | (0 if i else TAKEN)) & HALT for i in range(TEN_SECONDS))
     assert hand(ON, AT_LIMIT) & HALT
 
@@ -581,7 +406,7 @@ def test_task_after_one_ended_at_a_limit_has_the_time_of_a_way_out() -> None:
 def test_task_away_from_a_limit_at_rest_that_begins_late_is_not_stopped() -> None:
     hand = positioning().enable()
     hand(ON, AT_LIMIT)
-    hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
+    hand.task(-5_000, AT_LIMIT)
     hand(ON, AT_LIMIT | TAKEN)
     assert not any(hand(ON, AT_LIMIT) & HALT for _ in range(2 * HALF_A_SECOND))
     assert not hand.stepper.warning
@@ -595,7 +420,7 @@ def test_task_away_from_a_limit_at_rest_that_begins_late_is_not_stopped() -> Non
 
 def test_slow_task_with_a_limit_bit_that_makes_way_is_not_stopped() -> None:
     hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand(ON, OPERATING | TAKEN)
     for cycle in range(4 * HALF_A_SECOND):
         hand.feedback.position_actual = cycle // 50

@@ -13,23 +13,24 @@ from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive.objects import TURNTABLE
-from tests.gateway.axis.test_positioning import (
+from tests.gateway.axis.test_positioning import MDI_ACTIVE, STOPPED, axis, home, position, task
+from tests.support.axis.hand import OFF, ON, OPERATING
+from tests.support.axis.stepper import Stepper
+from tests.support.axis.tasks import (
     ACTIVATE,
+    FAST,
+    HALT,
     HOME_SET,
     HOMING,
     INTERMEDIATE,
-    MDI_ACTIVE,
+    NEW_SETPOINT,
+    OFF2,
+    OFF3,
     POSITION,
     REJECT,
-    STOPPED,
-    axis,
-    home,
-    position,
-    task,
+    TAKEN,
+    positioning,
 )
-from tests.gateway.axis.test_positioning_handshake import HALT, NEW_SETPOINT, OFF2, OFF3, TAKEN, positioning
-from tests.support.axis.hand import OFF, ON, OPERATING
-from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References, engel
 
 # -- what is shown ----------------------------------------------------------------------------------------------------
@@ -40,7 +41,7 @@ def test_aktsatz_15_is_shown_in_operation_and_during_the_ramp_and_never_without_
     hand(OFF, State.SWITCH_ON_DISABLED)
     assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
     hand.enable()
-    hand.feedback.velocity_actual = 3000
+    hand.feedback.velocity_actual = FAST
     hand(ON)
     assert hand.actuals["AKTSATZ"] & MDI_ACTIVE
     hand(OFF)
@@ -48,7 +49,7 @@ def test_aktsatz_15_is_shown_in_operation_and_during_the_ramp_and_never_without_
     hand(OFF3)
     assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
     lost = positioning(on_plc_loss=PlcLossReaction.RAMP).enable()
-    lost.feedback.velocity_actual = 3000
+    lost.feedback.velocity_actual = FAST
     lost(None)
     assert not lost.actuals["AKTSATZ"] & MDI_ACTIVE
 
@@ -64,26 +65,12 @@ def test_xist_a_is_the_drives_position_and_aktsatz_its_homing_method() -> None:
 def test_without_references_neither_position_nor_task_nor_method_is_shown() -> None:
     hand = positioning().enable()
     hand.feedback.position_actual = -12_345
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.task(5_000)
     hand.stepper.set_drive(None)
     assert not hand(ON) & NEW_SETPOINT
     assert (hand.actuals["XIST_A"], hand.actuals["AKTSATZ"]) == (0, 0)
     hand.stepper.set_drive(engel(), 35)
     assert not any(hand.enable()(ON) & NEW_SETPOINT for _ in range(10))
-
-
-def test_loss_of_the_drive_for_a_cycle_clears_the_home_position() -> None:
-    rig = axis()
-    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON | HOMING}
-    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
-    rig.values["STW1"] = ON
-    rig.step(3)
-    assert rig.actuals["ZSW1"] & HOME_SET
-    rig.connected_drive = False
-    rig.step(1)
-    rig.connected_drive = True
-    rig.step(1)
-    assert not rig.actuals["ZSW1"] & HOME_SET
 
 
 @pytest.mark.parametrize("end", ["task", "reject"])
@@ -138,7 +125,7 @@ def test_relative_task_beyond_the_object_resumes_to_its_limit() -> None:
     hand.stepper.set_drive(replace(drive, entries={**drive.entries, "target_position": narrow}), 35)
     hand.enable()
     hand.feedback.position_actual = 4_000
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0)
+    hand.task(5_000, relative=True)
     hand(ON, OPERATING | TAKEN)
     assert hand(ON & ~INTERMEDIATE) & HALT
     words = [hand(ON) for _ in range(3)]
@@ -323,36 +310,3 @@ def test_restart_of_the_drive_clears_its_home_position() -> None:
     rig.restart_drive()
     rig.step(1)
     assert not rig.actuals["ZSW1"] & HOME_SET
-
-
-def test_old_homing_attained_does_not_end_the_new_homing() -> None:
-    stepper = Stepper(9, AxisSettings())
-    stepper.set_references(References())
-    feedback = DriveFeedback()
-    half = stepper.telegram.setpoints
-    attained = StatusBit.MODE_12 | StatusBit.TARGET_REACHED
-    cycle = 4_000_000
-    now = 0
-
-    def step(word: int, status: int, mode: int = Mode.POSITION) -> None:
-        nonlocal now
-        now += cycle
-        feedback.statusword, feedback.modes_of_operation_display = status, mode
-        values = {"SATZANW": 0x8000 | 17, "MDI_VELOCITY": 1 << 29, "STW1": word}
-        stepper.step(half.from_dict(values), feedback, True, now)
-
-    for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
-        step(word, STATUS_OF[state])
-    enabled = STATUS_OF[State.OPERATION_ENABLED]
-    step(ON, enabled)
-    step(ON | HOMING, enabled)
-    stepper.sdo_done(None)
-    for _ in range(5):
-        step(ON | HOMING, enabled | attained, Mode.HOMING)
-    assert stepper.command.controlword & ControlBit.NEW_SETPOINT
-    assert not stepper.home_position_set
-    for _ in range(115):
-        step(ON | HOMING, enabled, Mode.HOMING)
-        assert not stepper.home_position_set
-    step(ON | HOMING, enabled | attained, Mode.HOMING)
-    assert stepper.home_position_set

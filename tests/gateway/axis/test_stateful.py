@@ -15,9 +15,10 @@ from pdgw.gateway.axis.demand_report import SHOWN_STATE
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.peers.drive import Latency
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
-from tests.gateway.axis.test_positioning import ACTIVATE, HOMING, INTERMEDIATE, ON, POSITION, REJECT
+from tests.support.axis.hand import ON
 from tests.support.axis.rig import Rig
 from tests.support.axis.strategies import latencies
+from tests.support.axis.tasks import ACTIVATE, HOMING, INTERMEDIATE, POSITION, REJECT
 
 # -- power, with random PLC words, drive events and losses --------------------------------------------------------
 

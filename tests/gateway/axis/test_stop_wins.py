@@ -8,9 +8,10 @@ from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.reasons import FaultNumber, Reason
-from tests.gateway.axis.test_positioning import ACTIVATE, INTERMEDIATE, POSITION, REJECT, axis, position, reached
+from tests.gateway.axis.test_positioning import axis, position, reached
 from tests.gateway.axis.test_velocity import CONTROL, OFF, ON, Bench
 from tests.support.axis.rig import Rig
+from tests.support.axis.tasks import ACTIVATE, INTERMEDIATE, POSITION, REJECT
 
 COAST, QUICK_STOP = ON & ~0x2, ON & ~0x4
 OPERATION_ENABLED, NO_OFF2, NO_OFF3 = 0x4, 0x10, 0x20

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.gateway.axis.settings import AxisSettings
@@ -45,7 +47,7 @@ class Hand:
         self.actuals = telegram.actuals.as_dict(self.stepper.step(setpoints, feedback, self.online, self._now))
         return self.stepper.command.controlword
 
-    def enable(self) -> Hand:
+    def enable(self) -> Self:
         """OFF, then ON, and a cycle of operation."""
         self(OFF, State.SWITCH_ON_DISABLED)
         self(ON, State.READY_TO_SWITCH_ON)
