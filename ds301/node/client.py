@@ -80,6 +80,9 @@ _MASTER: Final = "switch the other master off, or have it leave this node alone"
 _DEVICE: Final = "check the device: its error behaviour 1029h, and the cause of its EMCY"
 _CHECKED: Final = "another tool wrote to its configuration"
 _NOT_STARTED: Final = "not started"
+_RESETS: Final = (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION)
+_TAKES_OUT: Final = (NmtCommand.STOP, NmtCommand.ENTER_PRE_OPERATIONAL, *_RESETS)
+"""NMT commands after which a node is not Operational."""
 SHORTEST_EMCY: Final = 3
 """Bytes of an EMCY of a device that sends only error code and error register."""
 _ONLINE: Final = NodeStatus.ONLINE
@@ -727,18 +730,25 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._stopped:
             self.loss = Loss.OWN_STOP
             return f"{state}: the gateway has stopped it (NMT)"
-        if command := self.heartbeat.foreign:
-            self.loss = Loss.OTHER_MASTER
-            return f"{state}: another master has sent NMT command {command:02X}h; {_MASTER}"
+        if master := self._by_other_master(_TAKES_OUT):
+            return f"{state}: {master}"
         self.loss = Loss.LEFT
         after = f" after {text}" if time and now - time < SECOND else ""
         return f"{state}: it has left Operational by itself{after}; {_DEVICE}"
+
+    def _by_other_master(self, commands: tuple[NmtCommand, ...]) -> str:
+        """The last NMT command to the node, if another master sent it and it is one of these; else empty."""
+        command = self.heartbeat.foreign
+        if command not in commands:
+            return ""
+        self.loss = Loss.OTHER_MASTER
+        return f"another master has sent NMT command {command:02X}h; {_MASTER}"
 
     def _lost(self, now: int) -> str:
         """Why an online node is lost; empty if it is not."""
         self.loss = Loss.OTHER
         if self._booted.is_set():
-            return f"node {self.settings.node_id} restarted"
+            return self._by_other_master(_RESETS) or f"node {self.settings.node_id} restarted"
         if self.sdo.doubles.proof:
             return str(self.sdo.two_devices())
         heartbeat, silence = self.heartbeat, now - self.received_ns
@@ -800,7 +810,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.heartbeat.receive(data, now):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
-                self.on_event(NodeEvent("boot", "boot-up message", time_ns=now))
+                self.on_event(NodeEvent("boot", self._by_other_master(_RESETS) or "boot-up message", time_ns=now))
         if self.heartbeat.in_row == OFTEN:
             period = f"{self.heartbeat.gap // MS} ms, 1017h is {self.settings.heartbeat_ms}"
             self._notify("status", f"heartbeat comes every {period}")

@@ -26,6 +26,7 @@ from tests.support.documents.origin_situations import (
     find,
     leave_operational,
     lose,
+    miss,
     start,
     time_passes,
 )
@@ -55,6 +56,11 @@ EVENTS: dict[str, tuple[Step, By, str]] = {
         both(command(NmtCommand.ENTER_PRE_OPERATIONAL), find),
         By.OTHER_MASTER,
         "another master has sent NMT command 80h",
+    ),
+    "Reset Communication of another master": (
+        both(command(NmtCommand.RESET_COMMUNICATION), miss, find),
+        By.OTHER_MASTER,
+        "another master has sent NMT command 82h",
     ),
     "Pre-operational after an EMCY": (both(leave_operational, find), By.NODE, "after EMCY FF01h"),
     "STO": (

@@ -240,6 +240,16 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         health=Health.WARNING,
         cure=_AGAIN,
     ),
+    "another master resets the node of the drive": Situation(
+        begin=both(command(NmtCommand.RESET_NODE), miss, find),
+        says=(
+            "Waits: ON ignored: node restarted during operation: another master has sent NMT command 81h",
+            "Switch the other master off",
+        ),
+        lacks=("boot-up", "supply"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
     "the CAN adapter is unplugged, then the PLC is silent; both return": Situation(
         begin=both(BREAKERS[Enable.BUS], time_passes, be_silent, plug, find, speak),
         says=(
