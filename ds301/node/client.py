@@ -73,8 +73,6 @@ _DISCOVERY: Final = 200
 """Usual number of objects that are read of a device without a data sheet,"""
 _CONFIGURATION: Final = 100
 """and of accesses that configure a known device."""
-_MISSING: Final = 1.2
-"""A heartbeat is missing after this share of its period."""
 _TPDO: Final = "check the TPDOs of the device, and who writes its communication objects"
 _MASTER: Final = "switch the other master off, or have it leave this node alone"
 _DEVICE: Final = "check the device: its error behaviour 1029h, and the cause of its EMCY"
@@ -588,11 +586,11 @@ class NodeClient(abc.ABC, Generic[S]):
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
-                other = "" if self.settings.sync else "; set sync = true for TPDOs that are sent on SYNC only"
+                never_came = "" if self.settings.sync else "; set sync = true for TPDOs that are sent on SYNC only"
                 raise self._not_started() or self.kind.error_type(
                     f"TPDOs of the {self.kind.name}",
                     f"none of {', '.join(missing)}",
-                    f"each within 1 s of NMT start{other}",
+                    f"each within 1 s of NMT start{f'; {_TPDO}' if self.generation else never_came}",
                 )
             self.loop.sleep(_RECHECK_NS)
 
@@ -754,7 +752,7 @@ class NodeClient(abc.ABC, Generic[S]):
         heartbeat, silence = self.heartbeat, now - self.received_ns
         overdue = [slot for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots)
-        if (overdue or lost) and heartbeat.expected and silence > self.settings.heartbeat_ms * _MISSING * MS:
+        if (overdue or lost) and heartbeat.expected and silence > self.settings.heartbeat_ms * MS:
             self.loss = Loss.SILENT
             return "silent: neither heartbeats nor TPDOs"
         if lost:

@@ -259,6 +259,11 @@ class Axis(DriveObject):
         return own
 
     @property
+    def encoders(self) -> tuple[EncoderObject | None, ...]:
+        """The encoders that are G1 and G2; None for a position of the drive."""
+        return tuple(None if link is None else link.encoder for link in self._links)
+
+    @property
     def withholds_heartbeat(self) -> bool:
         """The drive follows no command: without the gateway's heartbeat its own abort option stops it."""
         return self.machine.outputs.brake is _WITHHOLD_HEARTBEAT

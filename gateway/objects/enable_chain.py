@@ -8,6 +8,7 @@ and derive nothing themselves.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from pdgw.ds301.node.node import NodeStatus
@@ -22,8 +23,15 @@ from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.objects.bit_effects import Missing
 from pdgw.gateway.objects.origins import Origin, clock, since
-from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
-from pdgw.profidrive.encoder import ENCODER_ACKNOWLEDGE, SENSOR_ACKNOWLEDGE, SENSOR_ERROR_TEXTS, SensorState
+from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, By, Enable, FaultNumber, Reason
+from pdgw.profidrive.encoder import (
+    ENCODER_ACKNOWLEDGE,
+    SENSOR_ACKNOWLEDGE,
+    SENSOR_ERROR_TEXTS,
+    SensorError,
+    SensorInterface,
+    SensorState,
+)
 from pdgw.profidrive.signal_text import value_text
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.words import unswapped
@@ -209,19 +217,6 @@ class _Chain:
                 self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
         return False
 
-    def check_fault(self, reason: Reason, acknowledge: str, what: str = "") -> None:
-        """Name the fault of the device, or what it follows from, as far as it is known.
-
-        ``acknowledge``: what remains to be done after its cause. ``what``: the error that it is to the PLC.
-        """
-        cause = self.item.cause
-        if cause is None or not (cause.record.of_device or reason is not Reason.SENSOR_ERROR):
-            self.breaks(reason, what, f"remove the cause; {acknowledge}")
-            return
-        origin = Origin.of(cause.record)
-        evidence = self.since(origin)
-        self.breaks(reason, f"{what}: {evidence}" if what else evidence, f"{origin.remedy}; {acknowledge}")
-
     def check_severe(self, acknowledge: str) -> None:
         """A severe fault comes before everything else until it is acknowledged, after what it follows from."""
         origin, severe = self.item.origins.present, self.item.origins.severe
@@ -309,7 +304,7 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
     commanded = demand.connected and demand.power in _ASKS and machine.interlock.reason in missing
     if state in FAULTY:
-        chain.check_fault(Reason.DRIVE_FAULT, _acknowledge(axis))
+        chain.breaks(Reason.DRIVE_FAULT, *_fault_texts(axis, _fault_origin(axis), _acknowledge(axis)))
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
     elif machine.units_contradicted:
@@ -331,6 +326,51 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     elif commanded and state is not None and demand.power is not PowerWish.ON:
         local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
         chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}{local}")
+
+
+def _fault_origin(item: DriveObject) -> Origin | None:
+    """That of the fault to name first."""
+    cause, present = item.cause, item.origins.present
+    if cause is None:
+        return None
+    own = Origin.of(cause.record)
+    return present if present is not None and (present.number, present.first_ns) == (own.number, own.first_ns) else own
+
+
+def _fault_texts(item: DriveObject, origin: Origin | None, acknowledge: str) -> tuple[str, str]:
+    """Evidence and remedy of a fault, as far as it is known. ``acknowledge``: what remains to be done after its cause."""
+    if origin is None:
+        return "", f"remove the cause; {acknowledge}"
+    return since(origin, item.client.loop), f"{origin.remedy}; {acknowledge}"
+
+
+def _sensor_texts(sensor: SensorInterface, source: DriveObject, acknowledge: str) -> tuple[str, str]:
+    """Evidence and remedy of a sensor error. ``source``: whose position it has."""
+    error, origin = sensor.error, _fault_origin(source)
+    if error is SensorError.SENSOR_GROUP:
+        origin = origin or source.origins.present
+    elif origin is not None and origin.by is not By.DRIVE:
+        origin = None
+    evidence, remedy = _fault_texts(source, origin, acknowledge)
+    what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
+    return ": ".join(filter(None, (what, evidence))), remedy
+
+
+def _sensor_notes(axis: Axis) -> Iterator[str]:
+    """What G1 and G2 of an axis lack."""
+    machine = axis.machine
+    for number, (words, encoder) in enumerate(
+        zip((machine.sensor, machine.second_sensor), axis.encoders, strict=True), 1
+    ):
+        if words is None:
+            continue
+        sensor = words.channel.sensor
+        if encoder is not None and not encoder.good:
+            yield f"G{number} has no position: {encoder.label}: {encoder.enable_status.text}"
+        elif sensor.state in (SensorState.ERROR, SensorState.ACKNOWLEDGING):
+            name = "" if encoder is None else f" ({encoder.label})"
+            texts = _sensor_texts(sensor, encoder or axis, f"then acknowledge (G{number}_STW.15)")
+            yield f"G{number}{name}: {'. '.join(texts)}"
 
 
 def _check_command(chain: _Chain, axis: Axis) -> None:
@@ -510,6 +550,7 @@ def notes(axis: Axis) -> list[str]:
     if axis.machine.outputs.reason is None and (lags := axis.machine.lags_since):
         text = f"does not follow its setpoint since {clock(lags, axis.network.loop)}"
         found.append(f"{text}: check brake, torque limit and mechanics")
+    found += _sensor_notes(axis)
     if axis.machine.executor.range_note:
         found.append(axis.machine.executor.range_note)
     return found
@@ -526,11 +567,13 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     reason = machine.outputs.reason
     if chain.check_node(Reason.ENCODER_OFFLINE):
         if machine.in_error:
-            error = machine.channel.sensor.error
-            what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
-            chain.check_fault(Reason.SENSOR_ERROR, _acknowledge_encoder(encoder), what)
+            chain.breaks(
+                Reason.SENSOR_ERROR, *_sensor_texts(machine.channel.sensor, encoder, _acknowledge_encoder(encoder))
+            )
         elif machine.control.fault:
-            chain.check_fault(Reason.ENCODER_FAULT, _acknowledge_encoder(encoder))
+            chain.breaks(
+                Reason.ENCODER_FAULT, *_fault_texts(encoder, _fault_origin(encoder), _acknowledge_encoder(encoder))
+            )
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:

@@ -140,6 +140,8 @@ class EncoderObject(DriveObject):
         outputs = machine.step()
         if outputs.events is not None or outputs.writes is not None or outputs.reason is not self._reported_reason:
             self._serve(outputs)
+        if self.origins.present is not None and self.fault_log.acknowledged and not machine.in_error:
+            self.origins.released(now)
         return outputs
 
     # -- queries ----------------------------------------------------------------------------------------------------------
@@ -174,8 +176,9 @@ class EncoderObject(DriveObject):
 
     @property
     def cause(self) -> ReportedFault | None:
-        """What the encoder itself reports, else the oldest fault."""
-        return self.fault_log.of_device(0) or super().cause
+        """What the encoder itself reports while it shows an error, else the origin."""
+        own = self.fault_log.of_device(0) if self.machine.faulty else None
+        return own or super().cause
 
     @property
     def powered(self) -> bool:

@@ -108,7 +108,7 @@ class SensorLink:
     """``place``: 0 for G1, 1 for G2. ``step`` precedes each step of the machine."""
 
     def __init__(self, encoder: EncoderObject, place: int, do_id: int) -> None:
-        self._encoder = encoder
+        self.encoder = encoder
         self._place = place
         self._do_id = do_id
         self._parameters: object = None
@@ -118,17 +118,17 @@ class SensorLink:
     @property
     def sensor_format(self) -> SensorFormat:
         """P979: what the encoder is."""
-        return self._encoder.sensor_format
+        return self.encoder.sensor_format
 
     def connect(self, machine: AxisMachine) -> None:
         """The encoder is a sensor of this machine from now on."""
-        machine.inputs.encoders[self._place] = self._encoder.input
+        machine.inputs.encoders[self._place] = self.encoder.input
         self._parameters = None
         machine.set_references(self._place, None)
 
     def step(self, machine: AxisMachine, now: int, note: Callable[[str, object], None]) -> None:
         """Before a step of the machine. ``note`` takes what the machine is given."""
-        encoder, place = self._encoder, self._place
+        encoder, place = self.encoder, self._place
         if encoder.client.parameters is not self._parameters:
             self._parameters = encoder.client.parameters
             machine.set_references(place, references := encoder.references)

@@ -391,3 +391,32 @@ def test_encoder_without_pdos_is_lost_when_its_alarms_alone_cannot_be_read() -> 
         encoder_of(daemon).do(lambda node: node.start_fault("object-missing", index=0x6503))
         until(daemon, lambda: not made.good, "lost")
         assert "could not be read 3 times" in made.faults[0].text
+
+
+def test_loss_of_an_encoder_is_a_note_of_its_axis_until_acknowledged() -> None:
+    with gateway(axis(1, telegram_number=3, more="simulate = true\ng1 = 2") + encoder(2, 81)) as (
+        daemon,
+        _,
+    ):
+        plc = Plc(daemon, [3, 81])
+        plc.enable()
+        item = encoder_of(daemon)
+
+        def note() -> str:
+            plc.exchange(100)
+            return " ".join(snapshot(daemon)["axes"][0]["notes"])
+
+        assert note() == ""
+        item.node.power_off()
+        lost = "silent: neither heartbeats nor TPDOs"
+        assert note() == f"G1 has no position: encoder 2: Not on the bus: node 20 on bus can: {lost}"
+        item.node.restart()
+        plc.until(lambda: daemon.encoders[0].good, "found again")
+        assert note().startswith(
+            "G1 (encoder 2): sensor error 0001h, the position is wrong or missing: node lost: silent"
+        )
+        assert note().endswith("check plug, cable and supply of the node; then acknowledge (G1_STW.15)")
+        for word in (0x8000, 0):
+            plc.endpoint.set(0, {"G1_STW": word})
+            plc.exchange(2)
+        assert note() == ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pdgw.gateway.daemon import Daemon
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.device_situations import DeviceSituation
-from tests.support.documents.situations import both, send
+from tests.support.documents.situations import both, run_out, send
 from tests.support.gateways.daemon import Plc, encoder_of
 
 _ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
@@ -36,6 +36,18 @@ def _alarm(_: Plc, daemon: Daemon) -> None:
 
 def _clear_alarm(_: Plc, daemon: Daemon) -> None:
     encoder_of(daemon).clear("position-error")
+
+
+def _power_off(plc: Plc, daemon: Daemon) -> None:
+    encoder_of(daemon).node.power_off()
+    plc.until(lambda: not daemon.encoders[0].good, "lost")
+    run_out(plc)
+
+
+def _power_on(plc: Plc, daemon: Daemon) -> None:
+    encoder_of(daemon).node.restart()
+    plc.until(lambda: daemon.encoders[0].good, "found again")
+    run_out(plc)
 
 
 _PULSE = send({"STW2_ENC": 0x0400, "G1_STW": 0}, {"G1_STW": 0x8000}, {"G1_STW": 0})
@@ -108,6 +120,33 @@ ENCODER_SITUATIONS: dict[str, DeviceSituation] = {
             "set STW2_ENC.7 to 0 and then to 1",
         ),
         cure=both(_clear_alarm, _PULSE, _ACKNOWLEDGE),
+    ),
+    "the encoder has no power": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(_built_in_encoder, _power_off),
+        says=("Not on the bus: node 20", "silent: neither heartbeats nor TPDOs"),
+        lacks=("TPDO1", "being configured"),
+        cure=both(_power_on, _PULSE, _ACKNOWLEDGE),
+    ),
+    "the encoder had no power for a moment, twice": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(_built_in_encoder, _power_off, _power_on, _power_off, _power_on),
+        says=(
+            "Fault: sensor error 0001h, the position is wrong or missing: node lost: silent",
+            ", since ",
+            "(2 times)",
+            "Check plug, cable and supply of the node; then acknowledge (G1_STW.15)",
+        ),
+        cure=both(_PULSE, _ACKNOWLEDGE),
+    ),
+    "the encoder had no power, and the PLC acknowledges its fault alone": DeviceSituation(
+        tables=_ENCODER,
+        operates=False,
+        begin=both(_built_in_encoder, _power_off, _power_on, _ACKNOWLEDGE),
+        says=("Fault: sensor error 0001h", "node lost: silent", "Check plug, cable", "then acknowledge (G1_STW.15)"),
+        cure=_PULSE,
     ),
     "the PLC's program parks the sensor": DeviceSituation(
         tables=_ENCODER,

@@ -240,6 +240,16 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         health=Health.WARNING,
         cure=_AGAIN,
     ),
+    "all PDOs of the drive end in operation, and its heartbeats arrive": Situation(
+        begin=both(start("lost-pdos", every=1), time_passes),
+        says=(
+            "Not on the bus: node 1 is rejected",
+            "none of TPDO1, TPDO2",
+            "Check the TPDOs of the device, and who writes its communication objects",
+        ),
+        lacks=("sync",),
+        cure=both(end_faults, online),
+    ),
     "another master resets the node of the drive": Situation(
         begin=both(command(NmtCommand.RESET_NODE), miss, find),
         says=(
