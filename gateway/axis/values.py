@@ -205,6 +205,8 @@ class FaultRecord:
     text: str
     time_ns: int
     is_warning: bool = False
+    is_bare: bool = False
+    """The device shows a fault, and no code of it can be read."""
 
     @property
     def of_device(self) -> bool:
@@ -213,8 +215,8 @@ class FaultRecord:
 
     @property
     def is_explained(self) -> bool:
-        """The device says what it is. A bare Statusword or an error of the communication may be a consequence of a loss."""
-        return not self.text.startswith("Statusword") and self.code not in CANOPEN_ERRORS
+        """The device says what it is. A bare fault or an error of the communication may be a consequence of a loss."""
+        return not self.is_bare and self.code not in CANOPEN_ERRORS
 
 
 def gateway_fault(number: FaultNumber, detail: str, now: int) -> FaultRecord:

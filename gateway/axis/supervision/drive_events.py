@@ -350,4 +350,5 @@ class DriveWatch:
             text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, no EMCY)"
         else:
             text = f"Statusword {feedback.statusword:04X}h shows a fault without an EMCY"
-        self._outputs.fault(FaultRecord(read.number or INTERNAL_FAULT, code, 0, text, now))
+        bare = named is None and not read.code
+        self._outputs.fault(FaultRecord(read.number or INTERNAL_FAULT, code, 0, text, now, is_bare=bare))

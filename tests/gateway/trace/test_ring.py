@@ -20,13 +20,14 @@ from pathlib import Path
 import pytest
 
 from pdgw.dsp402.states import State
+from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.place import prepared, rings, run_directory
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.gateway.trace.steps import HOMES, recorded_class
+from pdgw.gateway.trace.steps import HOMES, from_json, recorded_class, to_json
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, world_of
 from tests.support.gateways.recorded_daemon import recorded
 
@@ -310,6 +311,13 @@ def test_every_class_within_a_recorded_value_is_found_by_its_name() -> None:
             seen.add(kind)
             waiting += [inner for hint in _hints(kind) for inner in _classes(hint)]
     assert [kind for kind in seen if recorded_class(kind.__name__) is not kind] == []
+
+
+def test_a_recorded_value_without_a_later_field_gets_its_default() -> None:
+    known = FaultRecord(7, 0x2310, 0, "over-current", 1)
+    document = to_json(known)
+    del document["is_bare"]
+    assert from_json(document) == known
 
 
 def _own(module: str) -> Iterator[type]:

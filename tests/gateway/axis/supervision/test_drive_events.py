@@ -46,7 +46,8 @@ def test_fault_without_emcy_has_a_code_because_0_is_an_empty_entry(number: int, 
     outputs = Outputs(2, None)
     faults = {n: DriveFault(n, "", code, 1, ChannelErrorType.ERROR) for n, code in ((7, 0x5441), (8, 0))}
     DriveWatch(outputs).fault_read(FaultRead(number, read), DriveFeedback(), faults, 1)
-    assert [record.code for record in outputs.happened().faults] == [shown]
+    (record,) = outputs.happened().faults
+    assert (record.code, record.is_explained) == (shown, bool(number or read))
 
 
 def test_a_fault_that_stays_for_a_second_needs_another_edge() -> None:
