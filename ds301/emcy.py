@@ -62,6 +62,7 @@ def emcy_text(code: int) -> str:
 
 
 _REMEDIES: Final = {
+    "1": "read the fault at the display of the device or in its tool",
     "2": "check motor, motor cable and load for a short circuit or a blocked axis",
     "21": "check the supply of the device",
     "31": "check the mains supply",

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand
 from pdgw.ds301.node.node import NodeStatus
+from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.gateway.daemon import Daemon
+from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode
 from pdgw.profidrive.signals import signal
@@ -143,6 +145,20 @@ def _overcurrent(_: Plc, daemon: Daemon) -> None:
     drive_of(daemon).inject(7)
 
 
+def _show_fault(daemon: Daemon) -> None:
+    """From power-on the Statusword shows a fault, and 603Fh is 0."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.statusword = STATUS_OF[State.FAULT]
+
+    drive_of(daemon).model.disguises.append(shows)
+
+
+def _leave_fault(plc: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).model.disguises.clear()
+    acknowledge(plc, daemon)
+
+
 def _set_error_register(daemon: Daemon) -> None:
     spoil(ignored=_ignores_start)(daemon)
     drive_of(daemon).model.error_register = 0x11
@@ -181,6 +197,13 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     ),
     "the drive sends an EMCY of three bytes": DeviceSituation(
         spoil=spoil(sent=_short_emcy), begin=_overcurrent, says=_OVERCURRENT, cure=acknowledge
+    ),
+    "the drive is in fault from power-on, without an EMCY or a code": DeviceSituation(
+        operates=False,
+        spoil=_show_fault,
+        says=("Fault: Statusword 0008h shows a fault without an EMCY", "read the fault at the display of the device"),
+        lacks=("this code",),
+        cure=_leave_fault,
     ),
     "the drive sends heartbeats of two bytes, and has a fault": DeviceSituation(
         spoil=spoil(sent=_long_heartbeat), begin=_overcurrent, says=_OVERCURRENT, cure=acknowledge
