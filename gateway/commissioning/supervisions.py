@@ -5,6 +5,7 @@ A sign that healthy devices show too only asks or informs; a proof stops. Source
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -21,6 +22,20 @@ from pdgw.gateway.reasons import FaultNumber
 
 _F = FaultNumber
 _Limit = Callable[[NodeSettings, AxisSettings], int]
+
+
+class Measured(enum.StrEnum):
+    """Supervisions whose time ``pdgw axis test`` measures, by their names."""
+
+    HEARTBEAT = "heartbeat"
+    TPDO = "TPDO"
+    SDO = "SDO answer"
+    ENTERS = "entering operation"
+    REACTS = "reaction to a command"
+    LEAVES = "leaving operation at standstill"
+    BRAKES = "ramp from 100 % speed"
+    MODE = "change of the mode"
+    ACKNOWLEDGE = "acknowledge of a fault"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +61,7 @@ _STOPS = "NMT stop, then no heartbeat"
 
 SUPERVISIONS: Final = (
     Supervision(
-        "heartbeat",
+        Measured.HEARTBEAT,
         "no heartbeat",
         _LOST,
         _F.NODE_LOST,
@@ -55,7 +70,7 @@ SUPERVISIONS: Final = (
         "heartbeat_factor",
     ),
     Supervision(
-        "TPDO",
+        Measured.TPDO,
         "no frame of a TPDO",
         _LOST,
         _F.NODE_LOST,
@@ -64,7 +79,7 @@ SUPERVISIONS: Final = (
         "tpdo_timeout_factor",
     ),
     Supervision(
-        "SDO answer",
+        Measured.SDO,
         "no answer to an SDO request, while the node is configured",
         "ZSW1 fault; the node is tried again",
         _F.NODE_ABSENT,
@@ -102,7 +117,7 @@ SUPERVISIONS: Final = (
         lambda _, __: EMERGENCY_PATIENCE_NS,
     ),
     Supervision(
-        "entering operation",
+        Measured.ENTERS,
         "Enable Operation without Operation Enabled",
         "Quick Stop, then as below",
         _F.NOT_ENTERED,
@@ -110,7 +125,7 @@ SUPERVISIONS: Final = (
         lambda _, axis: axis.enter_ns,
     ),
     Supervision(
-        "reaction to a command",
+        Measured.REACTS,
         "a stop command while the axis turns, and the Statusword has not left operation",
         _STOPS,
         _F.STOP_IGNORED,
@@ -119,7 +134,7 @@ SUPERVISIONS: Final = (
         "tpdo_event_ms",
     ),
     Supervision(
-        "leaving operation at standstill",
+        Measured.LEAVES,
         "a stop command at standstill, and the Statusword has not left operation",
         _STOPS,
         _F.STOP_IGNORED,
@@ -127,7 +142,7 @@ SUPERVISIONS: Final = (
         lambda _, axis: axis.enter_ns,
     ),
     Supervision(
-        "ramp from 100 % speed",
+        Measured.BRAKES,
         "the speed is above a line to standstill",
         _STOPS,
         _F.STOP_IGNORED,
@@ -145,7 +160,7 @@ SUPERVISIONS: Final = (
         "stop_time_ms",
     ),
     Supervision(
-        "change of the mode",
+        Measured.MODE,
         "6061h does not show the mode of 6060h",
         "warning",
         _F.MODE_NOT_CONFIRMED,
@@ -161,7 +176,7 @@ SUPERVISIONS: Final = (
         lambda _, __: SETPOINT_NS,
     ),
     Supervision(
-        "acknowledge of a fault",
+        Measured.ACKNOWLEDGE,
         "the drive is still in fault",
         "ZSW1 fault stays; another edge of STW1.7 is needed",
         None,

@@ -17,6 +17,7 @@ from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.drive_type import POSITIONS, DriveType, Quantity, Scaling
 from pdgw.dsp402.objects import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.gateway.commissioning.supervisions import Measured
 from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import TransportConfig
@@ -226,7 +227,7 @@ class AxisTest:
         self._command(_ON)
         self._wait(self._at_standstill, _SETTLING_NS, "standstill")
         braked = (self._loop.now() - begun) * drive.scaling.reference(Quantity.SPEED)
-        self._times.add("ramp from 100 % speed", int(braked / max(1, speed)))
+        self._times.add(Measured.BRAKES, int(braked / max(1, speed)))
         turns = self._show_way(drive)
         self._stop(_OFF)
         self._show_times()

@@ -16,25 +16,23 @@ from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, MODE, MODE_DISPLAY, STATUS_AT
 from pdgw.dsp402.states import State, next_state, state_of
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.commissioning.supervisions import SUPERVISIONS
+from pdgw.gateway.commissioning.supervisions import SUPERVISIONS, Measured
 
 _OPERATIONAL: Final = bytes((NmtState.OPERATIONAL,))
 _SDO_BYTES: Final = 8
 _WRITTEN, _READ = address_of(*MODE), address_of(*MODE_DISPLAY)
 _NEAR: Final = 2
 """A limit is near if the time is longer than the limit divided by this."""
-_REACTION: Final = "reaction to a command"
-_MODE: Final = "change of the mode"
 _COMMANDS: Final = {
-    State.OPERATION_ENABLED: "leaving operation at standstill",
-    State.SWITCHED_ON: "entering operation",
-    State.FAULT: "acknowledge of a fault",
+    State.OPERATION_ENABLED: Measured.LEAVES,
+    State.SWITCHED_ON: Measured.ENTERS,
+    State.FAULT: Measured.ACKNOWLEDGE,
 }
-"""Names of supervisions, by the state that a Controlword ends; another one is the reaction to a command."""
+"""By the state that a Controlword ends; another one is the reaction to a command."""
 
 
 class DeviceTimes:
-    """The times of each habit of one drive, by the name of its supervision. Give ``see`` each frame of its bus."""
+    """The times of each habit of one drive, by its supervision. Give ``see`` each frame of its bus."""
 
     def __init__(self, client: DriveClient) -> None:
         self.found: dict[str, tuple[int, int]] = {}
@@ -48,14 +46,14 @@ class DeviceTimes:
         """Arrival of the last frame, by COB-ID."""
         self._word = 0
         self._state: State | None = None
-        self._commanded: tuple[str, int] | None = None
+        self._commanded: tuple[Measured, int] | None = None
         """What the last Controlword began, and when."""
         self._asked: int | None = None
         """When the SDO request was sent that has no answer yet."""
         self._mode: tuple[int, int] | None = None
         """The mode that 6061h does not show yet, and when it was sent."""
 
-    def add(self, name: str, duration: int) -> None:
+    def add(self, name: Measured, duration: int) -> None:
         """Another time of a habit, in nanoseconds."""
         shortest, longest = self.found.get(name, (duration, duration))
         self.found[name] = min(duration, shortest), max(duration, longest)
@@ -68,18 +66,18 @@ class DeviceTimes:
             self._rpdos = {item.cob_id: item for item in plan.rpdos}
             self._tpdos = {item.cob_id: item for item in plan.tpdos}
         if message.is_rx and cob_id == self._heartbeat and data == _OPERATIONAL:
-            self._came("heartbeat", cob_id, now)
+            self._came(Measured.HEARTBEAT, cob_id, now)
         elif message.is_rx and cob_id in self._tpdos:
             item = self._tpdos[cob_id]
             if item.pace is not Pace.CHANGE:
-                self._came("TPDO", cob_id, now)
+                self._came(Measured.TPDO, cob_id, now)
             self._shown(dict(_values(item, data)), now)
         elif not message.is_rx and cob_id in self._rpdos:
             self._sent(dict(_values(self._rpdos[cob_id], data)), now)
         elif len(data) == _SDO_BYTES and cob_id in (self._sdo, self._sdo + SDO_RESPONSE - SDO_REQUEST):
             self._transferred(message, now)
 
-    def _came(self, name: str, cob_id: int, now: int) -> None:
+    def _came(self, name: Measured, cob_id: int, now: int) -> None:
         if cob_id in self._last:
             self.add(name, now - self._last[cob_id])
         self._last[cob_id] = now
@@ -87,7 +85,7 @@ class DeviceTimes:
     def _sent(self, values: dict[str, int], now: int) -> None:
         word, state = values.get(CONTROL_ATTRIBUTE, self._word), self._state
         if state is not None and word != self._word and next_state(state, word, self._word) is not state:
-            self._commanded = _COMMANDS.get(state, _REACTION), now
+            self._commanded = _COMMANDS.get(state, Measured.REACTS), now
         self._word = word
 
     def _shown(self, values: dict[str, int], now: int) -> None:
@@ -104,14 +102,14 @@ class DeviceTimes:
         if not message.is_rx:
             self._asked = now
         elif self._asked is not None:
-            self.add("SDO answer", now - self._asked)
+            self.add(Measured.SDO, now - self._asked)
             self._asked = None
         data = bytes(message.data)
         address, kind, value = address_in(data), data[0] & COMMAND, data[4]
         if address == _WRITTEN and kind == DOWNLOAD:
             self._mode = value, now
         elif address == _READ and kind == UPLOAD and self._mode is not None and value == self._mode[0]:
-            self.add(_MODE, now - self._mode[1])
+            self.add(Measured.MODE, now - self._mode[1])
             self._mode = None
 
     def lines(self, node: NodeSettings, axis: AxisSettings) -> Iterator[str]:
@@ -128,7 +126,7 @@ class DeviceTimes:
             )
             advice = f" NEAR: raise {item.key}" if item.key else " NEAR: shorten it in the drive"
             yield f"  {item.name:<32} {times}; limit {time_text(limit)}{advice if longest * _NEAR > limit else ''}"
-        missing = [name for name in (_REACTION, _MODE, *_COMMANDS.values()) if name not in self.found]
+        missing = [name for name in Measured if name not in self.found]
         if missing:
             yield f"  not measured: {', '.join(missing)}"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.gateway.commissioning.supervisions import SUPERVISIONS
+from pdgw.gateway.commissioning.supervisions import SUPERVISIONS, Measured
 from pdgw.peers.habits import HABITS
 from tests.long.documents.supervisions import NEAREST
 from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running
@@ -23,6 +23,10 @@ TASK = {
 def test_each_supervision_has_a_legal_habit_next_to_it() -> None:
     assert NEAREST.keys() == {item.name for item in SUPERVISIONS}
     assert {name for name in NEAREST.values() if "drive" not in HABITS[name].legal_for} == set()
+
+
+def test_each_time_that_the_axis_test_measures_has_a_limit() -> None:
+    assert [item.name for item in SUPERVISIONS if item.name in list(Measured) and item.limit] == list(Measured)
 
 
 @pytest.mark.parametrize("name", NEAREST)
