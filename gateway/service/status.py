@@ -143,7 +143,7 @@ def rated_speed(item: Axis | EncoderObject) -> Rated | None:
     return Rated(float(rpm), "rpm") if rpm else None
 
 
-def _present(item: DriveObject, values: dict[str, float | None]) -> dict[str, Any]:
+def _present(item: DriveObject, values: dict[str, float | str | None]) -> dict[str, Any]:
     """The values while the device sends them. Otherwise each value is None, and ``last`` has the last known ones."""
     if item.good:
         return values | {"last": None}
@@ -164,20 +164,19 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         scaling.position_unit if scaling else None,
     )
     per_rpm = scaling.velocity_per_rpm if scaling else None
+    rpm = round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None
     values = {
         "velocity": velocity,
-        "speed_rpm": round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None,
+        "speed_rpm": rpm,
+        "speed_text": _speed_text(rpm, "rpm", velocity, axis),
         "position": position,
     }
-    setpoint_rpm = axis.speed_setpoint_rpm
     return (
         _object_status(axis)
         | _present(axis, values)
         | {
             "drive_state": state.value if state and axis.good else "unknown",
             "notes": notes(axis),
-            "speed_setpoint_rpm": None if setpoint_rpm is None else round(setpoint_rpm, 3),
-            "lags": axis.machine.lags_since > 0,
             "statusword": feedback.statusword,
             "controlword": axis.outputs.command.controlword,
             "position_unit": position_unit,
@@ -191,6 +190,16 @@ def axis_status(axis: Axis) -> dict[str, Any]:
             ],
         }
     )
+
+
+def _speed_text(speed: float | None, unit: str, velocity: int | None, axis: Axis | None = None) -> str:
+    """The speed for people, beside the setpoint that an axis on the bus has; empty if unknown."""
+    if speed is None:
+        return "" if velocity is None else f"{velocity} velocity units"
+    setpoint = axis.speed_setpoint_rpm if axis is not None and axis.good else None
+    if axis is None or setpoint is None:
+        return f"{speed:g} {unit}"
+    return f"{speed:g} of {setpoint:.5g} {unit}{', does not follow' if axis.machine.lags_since else ''}"
 
 
 def _encoder_speed(encoder: EncoderObject) -> float | None:
@@ -213,10 +222,11 @@ def _position(axis: Axis) -> tuple[float | None, str | None] | None:
 
 def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     """One encoder channel as plain data."""
-    source = encoder.input
+    source, speed, unit = encoder.input, _encoder_speed(encoder), encoder.config.speed_unit
     values = {
         "velocity": source.speed,
-        "speed": _encoder_speed(encoder),
+        "speed": speed,
+        "speed_text": _speed_text(speed, unit, source.speed),
         "position": source.position if source.valid else None,
     }
     return (
@@ -225,7 +235,7 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
         | {
             "channel": encoder.config.channel,
             "sensor_state": encoder.machine.channel.sensor.state.value,
-            "speed_unit": encoder.config.speed_unit,
+            "speed_unit": unit,
             "alarms": source.alarms,
             "warnings": source.warnings,
         }

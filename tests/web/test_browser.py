@@ -133,7 +133,7 @@ def test_home_shows_every_axis_changes_by_itself_and_greys_old_values(shown: Sho
     reads(tab, "[role=status]", "live, PLC connected, 1 of 2 axes in operation")
     reads(tab, "nav[aria-label=Views] a[aria-current=page]", "Axes")
     reads(tab, "[data-do='1']", "● In operation")
-    reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
+    reads(tab, "[data-do='1'] [data-live]", "1500 of 1500 rpm")
     reads(tab, "[data-do='2']", Reason.NO_CONTROL.value)
     assert tab.locator("[data-do='1'] .lamps .holds").count() == 9
     assert tab.locator("[data-do='2'] .lamps").get_attribute("title") == "Enables: missing: control by PLC"
@@ -141,7 +141,7 @@ def test_home_shows_every_axis_changes_by_itself_and_greys_old_values(shown: Sho
     assert tab.locator("[data-do]").count() == 3
     shown.plc.endpoint.set(0, {"NSOLL_A": 0x1000})
     shown.until(lambda: shown.plc.value("NIST_A") == 0x1000, "a quarter of the speed")
-    reads(tab, "[data-do='1'] [data-live]", "750.0 rpm")
+    reads(tab, "[data-do='1'] [data-live]", "750 of 750 rpm")
     has_no_alert(tab)
     assert shown.noise == []
     assert all(url.startswith(shown.served.address) for url in shown.asked), "nobody else is asked"
@@ -255,7 +255,7 @@ def test_values_are_marked_old_while_gateway_or_page_does_not_answer(
     shown.gateway.failure = "stopped"
     reads(tab, "[role=alert]", "The gateway does not answer since")
     reads(tab, "[role=status]", "no data since")
-    reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
+    reads(tab, "[data-do='1'] [data-live]", "1500 of 1500 rpm")
     assert tab.locator("main.old").count() == 1
     assert tab.locator("[role=alert]").evaluate("e => getComputedStyle(e).opacity") == "1"
     shown.gateway.failure = ""
@@ -272,7 +272,7 @@ def test_values_are_marked_old_while_gateway_or_page_does_not_answer(
             reads(tab, "[role=alert]", "0 pages are open; that is the maximum. Values below are old.")
         reads(tab, "[role=status]", "live")
     reads(tab, "[role=alert]", "This page lost its connection at")
-    reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
+    reads(tab, "[data-do='1'] [data-live]", "1500 of 1500 rpm")
     with page(shown.daemon.config, shown.gateway, port=served.port):
         reads(tab, "[role=status]", "live")
         has_no_alert(tab)

@@ -21,6 +21,7 @@ from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.decoder.capture.pcap import read_capture
 from pdgw.tools.decoder.frames.records import LinkType
+from pdgw.tools.output.status_text import status_lines
 from pdgw.tools.web.app import READS_PER_S, Allowance
 from pdgw.tools.web.server.guard import HEADERS
 from pdgw.tools.web.server.server import CONNECTIONS_MAX
@@ -107,7 +108,9 @@ def test_status_is_the_gateway_document_with_its_age(turning: Turning) -> None:
     assert document["stale"] is False
     own = turning.gateway.document
     assert {key: document[key] for key in own if key != "buses"} == {key: own[key] for key in own if key != "buses"}
-    assert document["axes"][0]["speed_rpm"] == 1500
+    item = document["axes"][0]
+    assert (item["speed_rpm"], item["speed_text"]) == (1500, "1500 of 1500 rpm")
+    assert any(f", {item['speed_text']})" in line for line in status_lines(document, 400)), "status shows the same"
 
     turning.gateway.failure = "hangs"
     turning.page.heard()

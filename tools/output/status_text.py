@@ -190,12 +190,8 @@ def _row(item: dict[str, Any]) -> str:
 def _values(values: dict[str, Any], item: dict[str, Any]) -> list[str]:
     """Speed and position, as far as they are known."""
     parts = []
-    if values.get("speed_rpm") is not None:
-        setpoint = item.get("speed_setpoint_rpm") if values is item else None
-        of = "" if setpoint is None else f" of {setpoint:.5g}"
-        parts.append(f"{values['speed_rpm']:g}{of} rpm" + (", does not follow" if item.get("lags") else ""))
-    elif values.get("speed") is not None:
-        parts.append(f"{values['speed']:g} {item['speed_unit']}")
+    if values["speed_text"]:
+        parts.append(values["speed_text"])
     if values["position"] is not None:
         parts.append(f"position {values['position']} {item.get('position_unit') or ''}".rstrip())
     return parts

@@ -1,7 +1,7 @@
 // How a state, a reason and a fault look: symbol and word, never colour alone.
 
 import { html, nothing } from "../vendor/lit-html/lit-html.js";
-import { DASH, age, duration, integer, moment, number, withUnit } from "../format.js";
+import { DASH, age, duration, integer, moment, withUnit } from "../format.js";
 
 // States that need nobody, and states of a device that is away or in fault.
 export const FINE = ["OBEYS", "OFF"];
@@ -32,9 +32,7 @@ export function lamps(item) {
 // Of a device that is away, the last speed with its age.
 export function speed(item) {
   if (item.last) return html`<span class="past">last ${speed({ ...item, ...item.last, last: null })}, ${age(item.heard_age_ms)}</span>`;
-  if (item.speed_rpm !== null && item.speed_rpm !== undefined) return withUnit(number(item.speed_rpm), "rpm");
-  if (item.speed !== null && item.speed !== undefined) return withUnit(number(item.speed), item.speed_unit);
-  return item.velocity === null || item.velocity === undefined ? DASH : withUnit(integer(item.velocity), "velocity units");
+  return item.speed_text || DASH;
 }
 
 export function position(item) {
