@@ -46,6 +46,7 @@ class Enable(enum.Enum):
 
 
 _S, _E = AxisState, Enable
+_SET: Final = "the PLC's program must set the bits that are 0"
 
 
 class Reason(enum.Enum):
@@ -84,13 +85,13 @@ class Reason(enum.Enum):
         "STW1.10 = 0 (control by PLC): the drive does not start and ignores setpoints; OFF1, OFF2 and OFF3 act",
         _S.WAITS,
         _E.CONTROL,
-        "the PLC's program must set STW1.10 = 1",
+        _SET,
     )
     NEEDS_OFF = (
         "ON ignored: send an OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)",
         _S.WAITS,
         _E.ON_EDGE,
-        "the PLC's program must set STW1.0 to 0 and then to 1, with STW1.1 = STW1.2 = 1",
+        "OFF and ON: the PLC's program must set STW1.0 to 0 and then to 1, with STW1.1 = STW1.2 = 1",
     )
     DRIVE_OFFLINE = (
         "drive is not online: the gateway sends no command",
@@ -129,19 +130,19 @@ class Reason(enum.Enum):
         "wait for standstill; then OFF and ON",
     )
     COAST_STOP = (
-        "STW1.1 = 0: coast stop",
+        "coast stop: STW1.1 = 0",
         _S.OFF,
         _E.ON_EDGE,
-        "STW1.1 = 1, then OFF and ON",
+        "OFF and ON",
     )
     SETPOINT_DISABLED = (
         "no setpoint: STW1.4, STW1.5 or STW1.6 is 0",
         _S.WAITS,
         _E.SETPOINT,
-        "the PLC's program must set the bits that are 0",
+        _SET,
     )
     INTERNAL_LIMIT = (
-        "the drive itself limits the motion (Statusword.11: limit switch, position or speed limit)",
+        "the drive itself limits the motion (Statusword.11 = 1): limit switch, position or speed limit",
         _S.WAITS,
         _E.SETPOINT,
         "check limit switches and the drive's own limits; move away from them",
@@ -186,19 +187,19 @@ class Reason(enum.Enum):
         "SATZANW.15 = 0: MDI is not selected, no traversing task is started",
         _S.WAITS,
         _E.SETPOINT,
-        "set SATZANW.15",
+        _SET,
     )
     REJECTED = (
-        "STW1.4 = 0: traversing task rejected",
+        "STW1.4 = 0: tasks are rejected, and nothing starts",
         _S.WAITS,
         _E.SETPOINT,
-        "set STW1.4, then a new edge of STW1.6",
+        _SET,
     )
     INTERMEDIATE_STOP = (
         "STW1.5 = 0: intermediate stop",
         _S.WAITS,
         _E.SETPOINT,
-        "set STW1.5",
+        _SET,
     )
     HOMING_METHOD = (
         "homing method is not supported: homing is not started",
@@ -324,7 +325,7 @@ class Reason(enum.Enum):
         "STW2_ENC.10 = 0 (control by PLC): G1_STW is not evaluated",
         _S.WAITS,
         _E.CONTROL,
-        "the PLC's program must set STW2_ENC.10 = 1",
+        _SET,
     )
     ENCODER_OFFLINE = (
         "encoder is not online: its position is not valid",
@@ -387,10 +388,10 @@ class Reason(enum.Enum):
         "no error: ON (STW1.0 = 1) switches the drive on",
     )
     ENABLE_MISSING = (
-        "STW1.3 = 0: the PLC does not enable operation",
+        "the PLC does not enable operation: STW1.3 = 0",
         _S.WAITS,
         _E.ON_EDGE,
-        "the PLC's program must set STW1.3 = 1",
+        _SET,
     )
     PLC_STALLED = (
         "the PLC's sign of life (STW2.12-15) does not count with each frame: its program is stopped or too slow",
@@ -468,7 +469,7 @@ class Reason(enum.Enum):
         "the PLC sends ON (STW1.0 = 1) and keeps the drive off: STW1.1, STW1.2 and STW1.3 must be 1 too",
         _S.WAITS,
         _E.ON_EDGE,
-        "find what holds these bits in the PLC's program; when they are 1, send OFF and ON",
+        "when these bits are 1, send OFF and ON",
     )
     HOMING_REFUSED = (
         "the drive rejects the homing method or its speeds (fault 111): homing is not started",
@@ -576,7 +577,7 @@ class Reason(enum.Enum):
         'STW1.10 = 0 (control by PLC): the drive continues with its last setpoint (control_lost = "hold")',
         _S.WAITS,
         _E.CONTROL,
-        "the PLC's program must set STW1.10 = 1; OFF1, OFF2 and OFF3 stop the drive",
+        _SET,
     )
     ENCODER_FAULT = (
         "the encoder is in fault (ZSW2_ENC.3 = 1)",
@@ -615,13 +616,13 @@ class Reason(enum.Enum):
         "remove the cause; then acknowledge (STW1.7)",
     )
     LOCAL_MODE = (
-        "local mode (Statusword.9 = 0): the drive takes no commands from the bus",
+        "the drive takes no commands from the bus: local mode (Statusword.9 = 0)",
         _S.WAITS,
         _E.OPERATION,
-        "switch the drive to remote at its panel or in its tool; then OFF and ON",
+        "switch the drive to remote at its panel or in its tool",
     )
     LOCAL_TURNS = (
-        "local mode (Statusword.9 = 0): the shaft turns by the drive's panel or tool, not by the gateway",
+        "the shaft turns by the drive's panel or tool, not by the gateway: local mode (Statusword.9 = 0)",
         _S.FAULT,
         _E.OPERATION,
         "stop the drive at its panel or in its tool, and switch it to remote",

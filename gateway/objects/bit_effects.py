@@ -1,45 +1,66 @@
-"""Bits of STW1 that must be 1, and what each takes from the axis while it is 0: texts name the missing bits alone.
+"""Bits that keep a drive object from what the PLC asks: texts and remedies name those that do so now, and no others.
 
-Source: PROFIdrive profile (control word 1); docs/translation.md.
+Source: PROFIdrive profile (control word 1); CiA DSP 402 (6041h, 60FDh); docs/translation.md.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from pdgw.gateway.reasons import Reason
 
+_DRIVE: Final = ("Statusword", "60FDh")
+
 
 class BitEffect(NamedTuple):
-    """The effect of a bit that is 0, and the reason of an axis that lacks nothing else."""
+    """A bit, and the reasons that it gives. Without an effect, the text of the reason has the bit."""
 
+    words: str
+    """Signals of the PLC that have the bit; Statusword or 60FDh (digital inputs) of the drive."""
     bit: int
-    effect: str
-    reason: Reason
+    reasons: tuple[Reason, ...]
+    effect: str = ""
+    level: int = 0
+    """The value that has the effect."""
 
 
+_STOPS: Final = (Reason.COAST_STOP, Reason.QUICK_STOP, Reason.HELD_OFF)
+_SETPOINT: Final = (Reason.SETPOINT_DISABLED,)
+_AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
 BIT_EFFECTS: Final = (
-    BitEffect(1, "OFF2: the drive coasts", Reason.COAST_STOP),
-    BitEffect(2, "OFF3: quick stop", Reason.QUICK_STOP),
-    BitEffect(3, "operation is not enabled", Reason.ENABLE_MISSING),
-    BitEffect(4, "the ramp output is 0", Reason.SETPOINT_DISABLED),
-    BitEffect(5, "the ramp is frozen", Reason.SETPOINT_DISABLED),
-    BitEffect(6, "the setpoint is 0", Reason.SETPOINT_DISABLED),
+    BitEffect("STW1 Controlword", 1, _STOPS, "OFF2"),
+    BitEffect("STW1 Controlword", 2, _STOPS, "OFF3"),
+    BitEffect("STW1 Controlword", 3, (Reason.ENABLE_MISSING, Reason.HELD_OFF), "Disable Operation"),
+    BitEffect("STW1", 4, _SETPOINT, "the ramp output is 0"),
+    BitEffect("STW1", 5, _SETPOINT, "the ramp is frozen"),
+    BitEffect("STW1", 6, _SETPOINT, "the setpoint is 0"),
+    BitEffect("STW1", 4, (Reason.REJECTED,)),
+    BitEffect("STW1", 5, (Reason.INTERMEDIATE_STOP,)),
+    BitEffect("STW1", 10, (Reason.NO_CONTROL, Reason.CONTROL_HELD)),
+    BitEffect("STW2_ENC", 10, (Reason.ENCODER_NO_CONTROL,)),
+    BitEffect("SATZANW", 15, (Reason.MDI_OFF,)),
+    BitEffect("Statusword", 9, (Reason.LOCAL_MODE, Reason.LOCAL_TURNS), "local mode"),
+    BitEffect("60FDh", 0, _AT_LIMIT, "negative limit switch", 1),
+    BitEffect("60FDh", 1, _AT_LIMIT, "positive limit switch", 1),
 )
 
 
-class Missing(NamedTuple):
-    """The bits of a word that are 0, of those that lead to some reasons."""
-
-    names: tuple[str, ...]
-    effects: tuple[str, ...]
-
-    @classmethod
-    def of(cls, name: str, word: int, *reasons: Reason) -> Missing:
-        """``name``, ``word``: STW1 or the Controlword of a transparent telegram, and its value."""
-        rows = [row for row in BIT_EFFECTS if row.reason in reasons and not word >> row.bit & 1]
-        return cls(tuple(f"{name}.{row.bit}" for row in rows), tuple(row.effect for row in rows))
-
-    def set_to(self, value: int) -> str:
-        """``STW1.1 = STW1.3 = 0``; empty without bits."""
-        return " = ".join((*self.names, str(value))) if self.names else ""
+def bit_texts(reason: Reason, words: Mapping[str, int]) -> tuple[str, str]:
+    """Evidence and remedy of a reason. ``words``: values by name."""
+    own = [row for row in BIT_EFFECTS if reason in row.reasons]
+    found = [
+        (f"{word}.{row.bit}", row)
+        for row in own
+        for word in row.words.split()
+        if word in words and words[word] >> row.bit & 1 == row.level
+    ]
+    text, remedy = reason.value, reason.remedy
+    if found:
+        bits, effects = " = ".join(name for name, _ in found), ", ".join(row.effect for _, row in found)
+        if effects:
+            text = f"{text.partition(': ')[0]}: {bits} = {own[0].level} ({effects})"
+        if own[0].words not in _DRIVE:
+            then = "; then OFF and ON" if "OFF and ON" in remedy else ""
+            remedy = f"the PLC's program must set {bits} = 1{then}"
+    return text, remedy

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
 from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
 from pdgw.gateway.axis.adapters.speed_words import DEVICE_BITS, SpeedAdapter
@@ -21,7 +20,7 @@ from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.objects.bit_effects import Missing
+from pdgw.gateway.objects.bit_effects import bit_texts
 from pdgw.gateway.objects.origins import Origin, clock, since
 from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, By, Enable, FaultNumber, Reason
 from pdgw.profidrive.encoder import (
@@ -64,9 +63,6 @@ _STOPS: Final = {
     PowerWish.ON: Reason.ENABLE_MISSING,
 }
 """Stop commands of the PLC. Its OFF1 is first a ramp stop, which the phase shows."""
-_HELD: Final = (Reason.COAST_STOP, Reason.QUICK_STOP)
-_ENABLES: Final = (*_HELD, Reason.ENABLE_MISSING)
-"""Reasons of the bits of STW1 that must be 1 beside ON."""
 _NAMED: Final = {
     Reason.LOST_EDGE: 1 << 6,
     Reason.EARLY_EDGE: 1 << 6,
@@ -159,22 +155,25 @@ class EnableStatus(NamedTuple):
 class _Chain:
     """The links of one drive object while they are checked."""
 
-    def __init__(self, item: DriveObject, enables: tuple[Enable, ...]) -> None:
+    def __init__(self, item: DriveObject, enables: tuple[Enable, ...], **shown: int) -> None:
+        """``shown``: words of the device."""
         self.item = item
+        self._words = dict(zip(item.telegram.setpoints.names, item.last_setpoints or (), strict=False)) | shown
         self._links = {enable: ChainLink(enable, None) for enable in enables}
 
     def passes(self, enable: Enable) -> None:
         self._links[enable] = ChainLink(enable, True)
 
     def breaks(self, reason: Reason, evidence: str = "", remedy: str = "") -> None:
-        """The link of a reason is broken. Without ``evidence``, its fault or warning of the gateway names the details."""
-        evidence = evidence or self.own_text(reason) or reason.value
-        self._links[reason.enable] = ChainLink(reason.enable, False, reason, evidence, remedy or reason.remedy)
+        """The link of a reason is broken. Texts that are not given are its own ones."""
+        text, todo = self.texts(reason)
+        self._links[reason.enable] = ChainLink(reason.enable, False, reason, evidence or text, remedy or todo)
 
-    def own_text(self, reason: Reason) -> str:
-        """The details of a reason in a fault or warning of the gateway; empty without one."""
+    def texts(self, reason: Reason) -> tuple[str, str]:
+        """Evidence and remedy of a reason: by its fault or warning of the gateway, or by the bits that give it."""
+        text, remedy = bit_texts(reason, self._words)
         record = self.newest(number) if (number := _OWN_FAULTS.get(reason)) is not None else None
-        return "" if record is None else record.text
+        return text if record is None else record.text, remedy
 
     def newest(self, number: FaultNumber) -> FaultRecord | None:
         """The last fault or warning of this number."""
@@ -268,10 +267,12 @@ class _Chain:
 
 def axis_enable_status(axis: Axis) -> EnableStatus:
     """Chain of an axis after its last step."""
-    chain, machine = _Chain(axis, AXIS_CHAIN), axis.machine
+    machine, feedback = axis.machine, axis.drive.feedback
+    shown = {"Statusword": feedback.statusword, "60FDh": feedback.digital_inputs}
+    chain = _Chain(axis, AXIS_CHAIN, **shown)
     demand, reason = machine.demand, machine.outputs.reason
     if chain.check_node(Reason.DRIVE_OFFLINE):
-        _check_drive(chain, axis, state_of(axis.drive.feedback.statusword))
+        _check_drive(chain, axis, state_of(feedback.statusword))
     life = machine.life
     connected = machine.inputs.setpoints is not None
     in_operation, was_there = axis.powered and axis.released, machine.interlock.plc_was_there
@@ -375,24 +376,20 @@ def _sensor_notes(axis: Axis) -> Iterator[str]:
 
 def _check_command(chain: _Chain, axis: Axis) -> None:
     """ON and setpoint of a PLC that has control."""
-    machine, phase = axis.machine, axis.machine.interlock.phase
-    asked, reason = machine.demand.power, machine.outputs.reason
+    phase, demand = axis.machine.interlock.phase, axis.machine.demand
+    asked, reason = demand.power, axis.machine.outputs.reason
     missing = _STOPS.get(asked)
     if missing is None and asked not in _ASKS:
         missing = _PHASES.get(phase, Reason.SWITCHED_OFF)
     if missing is None and not axis.released:
         _check_latch(chain, axis)
         return
-    name, word = _control_word(axis)
-    held = Missing.of(name, word, *_ENABLES).set_to(0) if missing in _HELD and word & 1 else ""
-    if held and not axis.powered:
-        chain.breaks(Reason.HELD_OFF, f"the PLC sends ON (STW1.0 = 1) and keeps the drive off: {held}")
-        return
+    if missing in (Reason.COAST_STOP, Reason.QUICK_STOP) and _control_word(axis)[1] & 1 and not axis.powered:
+        missing = Reason.HELD_OFF
     if missing is not None:
         cause = axis.cause if missing is Reason.SWITCHED_OFF else None
         if cause is None:
-            bits = Missing.of(name, word, *_HELD).set_to(1) if missing in _HELD else ""
-            chain.breaks(missing, remedy=bits and f"{bits}, then OFF and ON")
+            chain.breaks(missing)
         else:
             origin = Origin.of(cause.record)
             text = f"not acknowledged: {chain.since(origin)}"
@@ -400,9 +397,11 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
         return
     chain.passes(Enable.ON_EDGE)
     if reason in _AT_LIMIT:
-        chain.breaks(reason, *_limit_texts(axis, reason))
-    elif reason is Reason.SETPOINT_DISABLED and isinstance(machine.demand, SpeedDemand) and _is_frozen(machine.demand):
-        chain.breaks(reason, *_frozen_texts(axis))
+        chain.breaks(reason, *_limit_texts(chain, axis, reason))
+    elif (
+        reason is Reason.SETPOINT_DISABLED and isinstance(demand, SpeedDemand) and demand.speed_wish is SpeedWish.FREEZE
+    ):
+        chain.breaks(reason, _frozen_text(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason, *_order_texts(chain, axis, reason))
     elif reason is None:
@@ -412,12 +411,9 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
 def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
     """Evidence and remedy of an order that was refused: what it lacked, its bound and its time; then bits without effect."""
     executor, bits, positioner = axis.machine.executor, _NAMED.get(reason, 0), axis.config.positioner
-    if reason is Reason.SETPOINT_DISABLED:
-        missing = Missing.of(*_control_word(axis), reason)
-        holds = axis.machine.settings.setpoint_enable is SetpointEnable.HOLD
-        effects = "the last setpoint stays" if holds else ", ".join(missing.effects)
-        return f"no setpoint: {missing.set_to(0)} ({effects})", f"the PLC's program must set {missing.set_to(1)}"
-    text, remedy = chain.own_text(reason) or reason.value, reason.remedy
+    text, remedy = chain.texts(reason)
+    if reason is Reason.SETPOINT_DISABLED and axis.machine.settings.setpoint_enable is SetpointEnable.HOLD:
+        text = f"{text.partition(' (')[0]} (the last setpoint stays)"
     if reason in _ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
         text = f"{text} (at {clock(record.time_ns, axis.network.loop)})"
     if reason is Reason.FUNCTION_RUNS:
@@ -429,8 +425,10 @@ def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
         remedy = f"{remedy}, with {zeros} = 1" if at_edge else remedy
     elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and positioner.software_limits:
         text = "{}: {} to {} LU".format(text, *positioner.software_limits)
-    others = _bits(executor.ignored & ~bits, " = 1")
-    return f"{text}; without effect: {others}" if others else text, remedy
+    others = executor.ignored & ~bits
+    if others and reason is Reason.REJECTED:
+        remedy = f"{remedy}, and then a new edge of {_bits(others)}"
+    return f"{text}; without effect: {_bits(others, ' = 1')}" if others else text, remedy
 
 
 def _check_latch(chain: _Chain, axis: Axis) -> None:
@@ -440,37 +438,32 @@ def _check_latch(chain: _Chain, axis: Axis) -> None:
         chain.breaks(Reason.NEEDS_OFF)
         return
     remedy = origin.remedy
-    if "OFF and ON" not in remedy and remedy != Reason.NEEDS_OFF.remedy:
+    if "OFF and ON" not in remedy:
         remedy += "; then OFF and ON"
     chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", remedy)
 
 
-def _is_frozen(demand: SpeedDemand) -> bool:
-    return demand.speed_wish is SpeedWish.FREEZE
-
-
-def _frozen_texts(axis: Axis) -> tuple[str, str]:
-    """Evidence and remedy of a ramp that STW1.5 = 0 has stopped."""
+def _frozen_text(axis: Axis) -> str:
+    """Evidence of a ramp that STW1.5 = 0 has stopped."""
     drive_type, target = axis.drive.drive_type, axis.machine.outputs.command.target_velocity
     per_rpm = drive_type.scaling.velocity_per_rpm if drive_type is not None else None
     held = f"{float(target / per_rpm):g} rpm" if per_rpm else f"60FFh = {target}"
     setpoint = axis.speed_setpoint_rpm
     ignored = "" if setpoint is None else f", setpoint {setpoint:.4g} rpm not followed"
-    return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}", "the PLC's program must set STW1.5 = 1"
+    return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}"
 
 
-def _limit_texts(axis: Axis, reason: Reason) -> tuple[str, str]:
+def _limit_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
     """Evidence and remedy of an axis at a limit: which one, and the direction that is free."""
-    inputs = axis.drive.feedback.digital_inputs
-    side = 0 if reason is Reason.INTERNAL_LIMIT else axis.machine.executor.limit_side
-    positive, negative = inputs & POSITIVE_LIMIT_SWITCH != 0, inputs & NEGATIVE_LIMIT_SWITCH != 0
-    side = side or positive - negative
-    if not side:
-        return "", ""
+    text, remedy = chain.texts(reason)
+    side = axis.machine.executor.limit_side
+    if not side or reason is Reason.INTERNAL_LIMIT:
+        return text, remedy
     stopped, free = ("positive", "negative") if side > 0 else ("negative", "positive")
-    switch = f", the {stopped} limit switch is active (60FDh)" if (positive if side > 0 else negative) else ""
-    evidence = f"{reason.value}, in {stopped} direction{switch}"
-    return evidence, f"the {free} direction is free: send a setpoint or a task in {free} direction"
+    return (
+        f"{text}, in {stopped} direction",
+        f"the {free} direction is free: send a setpoint or a task in {free} direction",
+    )
 
 
 def _control_word(axis: Axis) -> tuple[str, int]:

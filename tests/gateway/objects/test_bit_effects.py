@@ -1,4 +1,4 @@
-"""Each bit of STW1 that is 0 has the effect and the reason of the table, and texts name the missing bits alone."""
+"""Each bit gives the reasons of its rows, and texts and remedies name those bits alone that give a reason now."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from itertools import combinations
 
 import pytest
 
-from pdgw.gateway.objects.bit_effects import BIT_EFFECTS, BitEffect, Missing
+from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
+from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.objects.bit_effects import BIT_EFFECTS, BitEffect, bit_texts
 from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.signals import signal
+from tests.support.documents.device_situations import MDI, POSITIONER
 from tests.support.documents.situations import clear_bits, in_operation, run_out
+from tests.support.gateways.daemon import axis
 
-_SETPOINT = [row.bit for row in BIT_EFFECTS if row.reason is Reason.SETPOINT_DISABLED]
-_ENABLES = [row.bit for row in BIT_EFFECTS if row.bit not in _SETPOINT]
+_SETPOINT = [row.bit for row in BIT_EFFECTS if Reason.SETPOINT_DISABLED in row.reasons]
+_ENABLES = [row.bit for row in BIT_EFFECTS if Reason.HELD_OFF in row.reasons]
 
 
 def named(text: str) -> set[int]:
@@ -20,16 +25,42 @@ def named(text: str) -> set[int]:
     return {int(bit) for bit in re.findall(r"STW1\.(\d+)", text)} - {0}
 
 
-@pytest.mark.parametrize("row", BIT_EFFECTS, ids=lambda row: f"STW1.{row.bit}")
-def test_a_bit_that_is_0_gives_the_reason_of_its_row(row: BitEffect) -> None:
-    with in_operation() as (daemon, plc):
+def test_the_bits_of_the_table_are_those_of_their_words() -> None:
+    shown = {
+        ("Statusword", 1 << 9): StatusBit.REMOTE,
+        ("60FDh", 1 << 0): NEGATIVE_LIMIT_SWITCH,
+        ("60FDh", 1 << 1): POSITIVE_LIMIT_SWITCH,
+    }
+    for row in BIT_EFFECTS:
+        if row.words in ("Statusword", "60FDh"):
+            assert shown[row.words, 1 << row.bit] == 1 << row.bit
+        else:
+            assert row.bit in {bit.position for bit in signal(row.words.split()[0]).fields(positioning=True)}
+            assert row.level == 0
+
+
+@pytest.mark.parametrize(
+    "row",
+    [row for row in BIT_EFFECTS if "STW1" in row.words.split()],
+    ids=lambda row: f"STW1.{row.bit}-{row.reasons[0].name}",
+)
+def test_a_bit_of_stw1_that_is_0_gives_a_reason_of_its_row(row: BitEffect) -> None:
+    positions = row.reasons[0] in (Reason.REJECTED, Reason.INTERMEDIATE_STOP)
+    with in_operation(POSITIONER if positions else axis(1)) as (daemon, plc):
+        if positions:
+            plc.endpoint.set(0, MDI | {"STW1": 0x043F, "MDI_TARPOS": 900_000})
+            plc.exchange(10)
+            plc.endpoint.set(0, {"STW1": 0x047F})
+            plc.exchange(10)
         clear_bits(plc, 1 << row.bit)
         seen = set()
         for _ in range(200):
             plc.exchange()
             link = daemon.axes[0].enable_status.broken
             seen |= {daemon.axes[0].reason, None if link is None else link.reason}
-        assert row.reason in seen
+            if link is not None and link.reason in row.reasons:
+                assert f"set STW1.{row.bit} = 1" in link.remedy
+        assert seen & set(row.reasons)
 
 
 @pytest.mark.parametrize("bits", [bits for n in (1, 2, 3) for bits in combinations(_SETPOINT, n)], ids=str)
@@ -49,7 +80,7 @@ def test_a_drive_held_off_names_the_bits_that_are_0_alone(bits: tuple[int, ...])
         run_out(plc)
         link = daemon.axes[0].enable_status.broken
         assert link is not None
-        assert named(link.evidence) == set(bits)
+        assert named(link.evidence) == named(link.remedy) == set(bits)
 
 
 @pytest.mark.parametrize("bits", [(1,), (2,), (1, 2)], ids=str)
@@ -63,8 +94,30 @@ def test_a_drive_that_is_off_names_the_bits_of_its_stop_alone(bits: tuple[int, .
         assert named(link.remedy) == set(bits)
 
 
-def test_missing_bits_are_one_equation() -> None:
-    missing = Missing.of("STW1", 0x0404, Reason.COAST_STOP, Reason.QUICK_STOP, Reason.ENABLE_MISSING)
-    assert missing.set_to(0) == "STW1.1 = STW1.3 = 0"
-    assert missing.set_to(1) == "STW1.1 = STW1.3 = 1"
-    assert Missing.of("STW1", 0xFFFF, Reason.COAST_STOP).set_to(0) == ""
+@pytest.mark.parametrize(
+    ("word", "bit"), [(0x052F, 8), (0x062F, 9), (0x0C2F, 11), (0x046F, 6)], ids=["jog 1", "jog 2", "homing", "task"]
+)
+@pytest.mark.parametrize("number", [7, 110, 111])
+def test_what_is_asked_while_tasks_are_rejected_names_its_own_bit(number: int, word: int, bit: int) -> None:
+    with in_operation(POSITIONER.replace("telegram = 111", f"telegram = {number}")) as (daemon, plc):
+        for sent in (0x043F, 0x042F, word):
+            plc.endpoint.set(0, {"STW1": sent})
+            plc.exchange(20)
+        link = daemon.axes[0].enable_status.broken
+        assert link is not None
+        assert link.remedy == f"the PLC's program must set STW1.4 = 1, and then a new edge of STW1.{bit}"
+        assert named(link.evidence) == {4, bit}
+
+
+def test_bits_that_give_a_reason_are_one_equation() -> None:
+    words = {"STW1": 0x0405}
+    assert bit_texts(Reason.HELD_OFF, words) == (
+        "the PLC sends ON (STW1.0 = 1) and keeps the drive off: STW1.1 = STW1.3 = 0 (OFF2, Disable Operation)",
+        "the PLC's program must set STW1.1 = STW1.3 = 1; then OFF and ON",
+    )
+    assert "off: Controlword.1 = Controlword.2 = 0" in bit_texts(Reason.HELD_OFF, {"Controlword": 0x9})[0]
+    assert bit_texts(Reason.COAST_STOP, {"STW1": 0xFFFF}) == (Reason.COAST_STOP.value, Reason.COAST_STOP.remedy)
+    assert bit_texts(Reason.STOPPED_AT_LIMIT, {"60FDh": 0x2}) == (
+        "stopped at a limit of the drive (Statusword.11): 60FDh.1 = 1 (positive limit switch)",
+        Reason.STOPPED_AT_LIMIT.remedy,
+    )

@@ -237,10 +237,10 @@ def test_supply_counts_only_where_the_drive_has_shown_it_without_power() -> None
     ("word", "state", "evidence", "health"),
     [
         (OFF, AxisState.OFF, Reason.SWITCHED_OFF.value, Health.OK),
-        (ON & ~0x8, AxisState.WAITS, Reason.ENABLE_MISSING.value, Health.WARNING),
-        (ON & ~0x2, AxisState.WAITS, "STW1.1 = 0", Health.WARNING),
-        (ON & ~0x4, AxisState.WAITS, "STW1.2 = 0", Health.WARNING),
-        (ON & ~0xE, AxisState.WAITS, "STW1.1 = STW1.2 = STW1.3 = 0", Health.WARNING),
+        (ON & ~0x8, AxisState.WAITS, "STW1.3 = 0 (Disable Operation)", Health.WARNING),
+        (ON & ~0x2, AxisState.WAITS, "STW1.1 = 0 (OFF2)", Health.WARNING),
+        (ON & ~0x4, AxisState.WAITS, "STW1.2 = 0 (OFF3)", Health.WARNING),
+        (ON & ~0xE, AxisState.WAITS, "STW1.1 = STW1.2 = STW1.3 = 0 (OFF2, OFF3, Disable Operation)", Health.WARNING),
     ],
 )
 def test_word_of_the_plc_that_keeps_an_axis_off_is_named(

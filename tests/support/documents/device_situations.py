@@ -18,9 +18,9 @@ from tests.support.documents.situations import Situation, acknowledge, both, onl
 from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, drive_of
 
 Frame = tuple[int, bytes]
-_POSITIONER = axis(1, telegram_number=111, more=SIMULATED_POSITIONER)
+POSITIONER = axis(1, telegram_number=111, more=SIMULATED_POSITIONER)
 _LIMITED = axis(1, telegram_number=111, more=SIMULATED_POSITIONER.replace("[-1000000, 1000000]", "[-400, 400]"))
-_MDI = {"POS_STW1": 0x8100, "OVERRIDE": 0x4000, "MDI_VELOCITY": 12_000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+MDI = {"POS_STW1": 0x8100, "OVERRIDE": 0x4000, "MDI_VELOCITY": 12_000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
 _TASK = (
     (0x043E, {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x2000, "MDI_DEC": 0x2000}),
     (0x043F, {}),
@@ -217,71 +217,79 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.6 rises while STW1.5 = 0": DeviceSituation(
-        tables=_POSITIONER,
-        begin=words((0x043F, _MDI), (0x041F, {}), (0x045F, {}), (0x047F, {})),
+        tables=POSITIONER,
+        begin=words((0x043F, MDI), (0x041F, {}), (0x045F, {}), (0x047F, {})),
         says=("Waits", "edge of STW1.6 started no task: STW1.5 = 0", "set STW1.6 to 0 and to 1, with STW1.5 = 1"),
         lacks=("In operation", "STW1.4"),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.6 and STW1.8 rise while STW1.4 = 0": DeviceSituation(
-        tables=_POSITIONER,
-        begin=words((0x043F, _MDI), (0x042F, {}), (0x046F, {}), (0x056F, {}), (0x057F, {})),
+        tables=POSITIONER,
+        begin=words((0x043F, MDI), (0x042F, {}), (0x046F, {}), (0x056F, {}), (0x057F, {})),
         says=("Waits", "edge of STW1.6 started no task: STW1.4 = 0", "without effect: STW1.8 = 1", "set STW1.6 to 0"),
         lacks=("In operation",),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
     ),
+    "telegram 111: STW1.8 rises while STW1.4 = 0": DeviceSituation(
+        tables=POSITIONER,
+        begin=words((0x043F, MDI), (0x042F, {}), (0x052F, {})),
+        says=("Waits: STW1.4 = 0", "without effect: STW1.8 = 1", "STW1.4 = 1, and then a new edge of STW1.8"),
+        lacks=("STW1.6",),
+        health=Health.WARNING,
+        cure=words((0x043F, {}), (0x053F, {})),
+    ),
     "telegram 111: STW1.6 is 1 before ON": DeviceSituation(
-        tables=_POSITIONER,
-        begin=words((0x047E, _MDI), (0x047F, {})),
+        tables=POSITIONER,
+        begin=words((0x047E, MDI), (0x047F, {})),
         says=("Waits", "STW1.6 was 1 before operation"),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.11 is 1 before ON": DeviceSituation(
-        tables=_POSITIONER,
+        tables=POSITIONER,
         begin=words((0x0C3E, {}), (0x0C3F, {})),
         says=("Waits", "STW1.11 = 1 starts no homing: it was 1 before operation"),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x0C3F, {}), (0x043F, {})),
     ),
     "telegram 111: STW1.11 rises while STW1.4 = 0": DeviceSituation(
-        tables=_POSITIONER,
-        begin=words((0x043F, _MDI), (0x042F, {}), (0x0C2F, {}), (0x0C3F, {})),
+        tables=POSITIONER,
+        begin=words((0x043F, MDI), (0x042F, {}), (0x0C2F, {}), (0x0C3F, {})),
         says=("Waits", "STW1.11 = 1 starts no homing: STW1.4 = 0", "set STW1.11 to 0 and to 1, with STW1.4 = 1"),
         lacks=("before operation", "another function"),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x0C3F, {}), (0x043F, {})),
     ),
     "telegram 111: STW1.11 rises without homing_method": DeviceSituation(
-        tables=_POSITIONER.replace("homing_method = 35\n", ""),
-        begin=words((0x043F, _MDI), (0x0C3F, {})),
+        tables=POSITIONER.replace("homing_method = 35\n", ""),
+        begin=words((0x043F, MDI), (0x0C3F, {})),
         says=("Waits", "homing_method is not configured, allowed "),
         lacks=("None",),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: STW1.8 and STW1.9 are both 1": DeviceSituation(
-        tables=_POSITIONER,
-        begin=words((0x043F, _MDI), (0x073F, {})),
+        tables=POSITIONER,
+        begin=words((0x043F, MDI), (0x073F, {})),
         says=("Waits", "STW1.8 or STW1.9 = 1 starts no jog: both are 1", "then one of them to 1"),
         lacks=("STW1.4",),
         health=Health.WARNING,
         cure=words((0x043F, {})),
     ),
     "telegram 111: STW1.6 rises during homing": DeviceSituation(
-        tables=_POSITIONER,
-        begin=words((0x043F, _MDI), (0x0C3F, {}), (0x0C7F, {}), (0x047F, {})),
+        tables=POSITIONER,
+        begin=words((0x043F, MDI), (0x0C3F, {}), (0x0C7F, {}), (0x047F, {})),
         says=("Waits", "edge of STW1.6 started no task: homing was active at its edge", "set STW1.6 to 0 and to 1"),
         lacks=("STW1.4", "another function"),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x047F, {})),
     ),
     "telegram 111: a reference point is set in motion": DeviceSituation(
-        tables=_POSITIONER,
+        tables=POSITIONER,
         begin=words(
-            (0x043F, _MDI | {"MDI_TARPOS": 200_000}),
+            (0x043F, MDI | {"MDI_TARPOS": 200_000}),
             (0x047F, {}),
             (0x047F, {"POS_STW2": 2}),
             (0x047F, {"POS_STW2": 0}),
@@ -294,7 +302,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     ),
     "telegram 111: the target of a task is beyond a software limit": DeviceSituation(
         tables=_LIMITED,
-        begin=words((0x043F, _MDI | {"POS_STW2": 2}), (0x043F, {"POS_STW2": 0x4000, "MDI_TARPOS": 2000}), (0x047F, {})),
+        begin=words((0x043F, MDI | {"POS_STW2": 2}), (0x043F, {"POS_STW2": 0x4000, "MDI_TARPOS": 2000}), (0x047F, {})),
         says=(
             "Waits",
             "target is beyond a software limit",
@@ -307,7 +315,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     ),
     "telegram 111: a jog is held at a software limit": DeviceSituation(
         tables=_LIMITED,
-        begin=words((0x043F, _MDI | {"POS_STW2": 2}), (0x043F, {"POS_STW2": 0x4000}), (0x063F, {}), (0x063F, {})),
+        begin=words((0x043F, MDI | {"POS_STW2": 2}), (0x043F, {"POS_STW2": 0x4000}), (0x063F, {}), (0x063F, {})),
         says=("Waits", "at a software limit", "beyond it: -400 to 400 LU", "move in the other direction"),
         lacks=("In operation",),
         health=Health.WARNING,
@@ -336,16 +344,16 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         cure=words((ON, {"NSOLL_A": -0x1000})),
     ),
     "telegram 111: a negative limit switch stops a task": DeviceSituation(
-        tables=_POSITIONER,
+        tables=POSITIONER,
         begin=both(
-            words((0x043F, _MDI | {"MDI_TARPOS": -200_000}), (0x047F, {})),
+            words((0x043F, MDI | {"MDI_TARPOS": -200_000}), (0x047F, {})),
             lambda plc, daemon: _limit_switch(plc, daemon, positive=0),
         ),
         says=(
             "Waits",
             "task stopped at a limit",
             "in negative direction",
-            "the negative limit switch is active (60FDh)",
+            "60FDh.0 = 1 (negative limit switch)",
         ),
         lacks=("an intermediate stop",),
         health=Health.WARNING,
@@ -366,18 +374,18 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         cure=words((0x043F, _TASK[0][1]), (0x047F, {})),
     ),
     "telegram 111: OVERRIDE is 0": DeviceSituation(
-        tables=_POSITIONER,
-        begin=words((0x043F, _MDI | {"OVERRIDE": 0, "MDI_TARPOS": 2000}), (0x047F, {})),
+        tables=POSITIONER,
+        begin=words((0x043F, MDI | {"OVERRIDE": 0, "MDI_TARPOS": 2000}), (0x047F, {})),
         says=("Waits: OVERRIDE is 0", "Raise OVERRIDE"),
         health=Health.WARNING,
         cure=words((0x047F, {"OVERRIDE": 0x4000})),
     ),
     "telegram 111: the traversing block does not exist": DeviceSituation(
-        tables=_POSITIONER,
+        tables=POSITIONER,
         begin=words((0x043F, {"POS_STW1": 63, "OVERRIDE": 0x4000}), (0x047F, {})),
         says=("Waits: traversing block does not exist", "select a block of the configuration"),
         health=Health.WARNING,
-        cure=words((0x043F, _MDI), (0x047F, {})),
+        cure=words((0x043F, MDI), (0x047F, {})),
     ),
     "telegram 3: the sign of life of the PLC's program stops": DeviceSituation(
         tables=axis(1, telegram_number=3),
@@ -396,7 +404,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         cure=words((OFF, {}), (ON, {})),
     ),
     "the drive accepts another mode only while it is off": DeviceSituation(
-        tables=_POSITIONER,
+        tables=POSITIONER,
         begin=lambda plc, daemon: words((0x043F, {}), (0x053F, {}))(plc, _keep_mode(daemon)),
         says=("Waits", "does not change its mode of operation while it is in operation", "end the request"),
         lacks=("Use a drive",),

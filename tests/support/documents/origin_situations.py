@@ -68,6 +68,15 @@ def set_local(plc: Plc, daemon: Daemon) -> None:
     drive_of(daemon).model.disguises.append(shows)
 
 
+def show_local(_: Plc, daemon: Daemon) -> None:
+    """Statusword.9 falls while the drive follows the PLC."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.statusword &= ~StatusBit.REMOTE
+
+    drive_of(daemon).model.disguises.append(shows)
+
+
 def leave_operational(_: Plc, daemon: Daemon) -> None:
     """The node sends an EMCY and is Pre-operational."""
     node = drive_of(daemon).node
@@ -142,7 +151,7 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
             "the gateway has stopped the node (NMT)",
             "brake resistor",
         ),
-        lacks=("Check power", "find what holds", "Not on the bus"),
+        lacks=("Check power", "keeps the drive off", "Not on the bus"),
         cure=both(end_faults, find, acknowledge),
     ),
     "STW1.5 = 0 freezes the ramp of a turning axis": Situation(
@@ -208,10 +217,23 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
     ),
     "the drive is in local mode": Situation(
         begin=both(set_local, words((ON, {}))),
-        says=("Waits: local mode (Statusword.9 = 0)", "switch the drive to remote"),
+        says=(
+            "Waits: the drive takes no commands from the bus: Statusword.9 = 0 (local mode)",
+            "switch the drive to remote",
+        ),
         lacks=("safe torque off",),
         health=Health.WARNING,
         cure=both(end_faults, good),
+    ),
+    "Statusword.9 falls in operation, and returns": Situation(
+        begin=show_local,
+        says=(
+            "Waits: the drive takes no commands from the bus: Statusword.9 = 0 (local mode)",
+            "switch the drive to remote",
+        ),
+        lacks=("OFF and ON", "safe torque off"),
+        health=Health.WARNING,
+        cure=end_faults,
     ),
     "STW1.6 = 0 stops a turning axis": Situation(
         begin=both(_TURN, words((ON & ~0x40, {}))),

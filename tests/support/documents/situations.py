@@ -365,20 +365,24 @@ SITUATIONS: dict[str, Situation] = {
     ),
     "the PLC's program enables no operation": Situation(
         begin=lambda plc, _: clear_bits(plc, 0x8),
-        says=("Waits: STW1.3 = 0: the PLC does not enable operation", "must set STW1.3 = 1"),
+        says=("Waits: the PLC does not enable operation: STW1.3 = 0", "must set STW1.3 = 1"),
         health=Health.WARNING,
         cure=words((ON, {})),
     ),
     "an interlock in the PLC holds OFF2": Situation(
         begin=lambda plc, _: clear_bits(plc, 0x2),
-        says=("Waits", "sends ON (STW1.0 = 1) and keeps the drive off: STW1.1 = 0", "find what holds these bits"),
+        says=(
+            "Waits",
+            "sends ON (STW1.0 = 1) and keeps the drive off: STW1.1 = 0",
+            "must set STW1.1 = 1; then OFF and ON",
+        ),
         lacks=("coast stop",),
         health=Health.WARNING,
         cure=good,
     ),
     "an interlock in the PLC holds OFF3, and enables no operation": Situation(
         begin=lambda plc, _: clear_bits(plc, 0xC),
-        says=("Waits", "keeps the drive off: STW1.2 = STW1.3 = 0", "find what holds these bits"),
+        says=("Waits", "keeps the drive off: STW1.2 = STW1.3 = 0", "must set STW1.2 = STW1.3 = 1; then OFF and ON"),
         lacks=("quick stop in progress",),
         health=Health.WARNING,
         cure=good,
