@@ -175,6 +175,11 @@ class AxisMachine:
         return self._check.lags_since(self.inputs.now)
 
     @property
+    def enters_since(self) -> int:
+        """Since when the drive is Switched On and has to enter operation; 0 while it has not to."""
+        return self._stop.began if self.interlock.cell.limit is Limit.ENTER else 0
+
+    @property
     def fault_began(self) -> int:
         """When the drive showed its last fault, monotonic ns."""
         return self._drive.fault_began

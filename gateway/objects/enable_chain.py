@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
 )
+_ENTERS: Final = "wait; if it takes longer than 10 s, check the brake, safe torque off (STO) and the enable input"
 _PHYSICAL = (Enable.BUS, Enable.NODE)
 AXIS_CHAIN: Final = (
     *_PHYSICAL,
@@ -324,6 +325,9 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
         chain.passes(Enable.OPERATION)
+    elif commanded and (begin := machine.enters_since):
+        evidence = f"the drive opens its brake, or finds its commutation angle, since {clock(begin, axis.network.loop)}"
+        chain.breaks(Reason.NOT_OPERATING, evidence, _ENTERS)
     elif commanded and state is not None and demand.power is not PowerWish.ON:
         local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
         chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}{local}")

@@ -86,6 +86,10 @@ def _limit_switch(_: Plc, daemon: Daemon, positive: int = 1) -> None:
     drive_of(daemon).node.start_fault("limit-switch", positive=positive)
 
 
+def _slow_brake(_: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).node.start_fault("brake-opens", delay_ms=6000)
+
+
 def _lose(plc: Plc, daemon: Daemon) -> None:
     drive_of(daemon).node.start_fault("bus-off", recovery_ms=1000)
     plc.until(lambda: not daemon.axes[0].good, "lost")
@@ -394,6 +398,16 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         lacks=("check the cable",),
         health=Health.WARNING,
         cure=_count_sign_of_life,
+    ),
+    "the drive waits in Switched On until its brake is open": DeviceSituation(
+        begin=both(_slow_brake, words((OFF, {}), (ON, {}))),
+        says=(
+            "Starting: the drive opens its brake, or finds its commutation angle, since ",
+            "wait; if it takes longer",
+        ),
+        lacks=("is commanded, but", "Waits"),
+        health=Health.WARNING,
+        cure=lambda *_: None,
     ),
     "the drive waits at standstill until its brake is closed": DeviceSituation(
         spoil=lambda daemon: drive_of(daemon).node.start_fault("brake-closes", delay_ms=3000),
