@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -41,13 +42,14 @@ SLOW = 60
 class Continuing:
     """A drive in profile position: a setpoint stays in force until another one, Halt only interrupts it.
 
-    ``takes_modes``: it follows 6060h, and another mode ends the setpoint.
+    ``takes_modes``: it follows 6060h, and another mode ends the setpoint. ``opening``: cycles in which its brake opens.
     """
 
-    def __init__(self, hand: Hand, speed: int = FAST, *, takes_modes: bool = False) -> None:
+    def __init__(self, hand: Hand, speed: int = FAST, *, takes_modes: bool = False, opening: int = 0) -> None:
         self.hand = hand
         self.speed = speed
         self.takes_modes = takes_modes
+        self.opening = opening
         self.modes: set[int] = set()
         self.word = 0
         self.runs = False
@@ -60,11 +62,13 @@ class Continuing:
             hand.mode = hand.stepper.command.modes_of_operation
             self.modes.add(hand.mode)
             self.runs = self.runs and hand.mode == Mode.POSITION
-        turns = self.runs and not before & HALT
+        follows = self.runs and not before & HALT
+        self.opening -= self.opening > 0
+        turns = follows and not self.opening
         self.moved += turns
         hand.feedback.velocity_actual = self.speed if turns else 0
         shown = OPERATING | (StatusBit.MODE_12 if before & NEW_SETPOINT else 0)
-        self.word = hand(stw1, shown | (0 if turns else StatusBit.TARGET_REACHED), **values)
+        self.word = hand(stw1, shown | (0 if follows else StatusBit.TARGET_REACHED), **values)
         self.runs = self.runs or self.word & ~before & NEW_SETPOINT != 0
         return self.word
 
@@ -90,6 +94,21 @@ def test_a_rejected_task_that_the_drive_continues_is_stopped_for_good(make: Make
     assert hand.stepper.reason is Reason.MOVES_UNASKED
     assert hand.stepper.numbers == [FaultNumber.MOVES_UNASKED]
     assert hand.actuals["ZSW1"] & (WARNING | REACHED) == WARNING | REACHED, "it is at standstill"
+
+
+@pytest.mark.parametrize("stopped", [1, 50])
+@pytest.mark.parametrize("end", [REJECT, INTERMEDIATE], ids=["rejected", "stopped, then rejected"])
+def test_a_task_that_ends_while_the_brake_opens_is_never_continued(make: Make, stopped: int, end: int) -> None:
+    drive = Continuing(make().enable(), opening=400)
+    for _ in range(5):
+        drive(ON | ACTIVATE)
+    for _ in range(stopped):
+        drive(ON & ~end)
+    drive(ON & ~REJECT)
+    halts = [drive(ON) & HALT for _ in range(1000)]
+    assert drive.moved == 0
+    assert sum(a != b for a, b in pairwise(halts)) <= 2, "Halt does not rise and fall in each cycle"
+    assert not drive.hand.stepper.numbers
 
 
 def test_a_rejected_task_within_the_standstill_window_is_stopped_too(make: Make) -> None:

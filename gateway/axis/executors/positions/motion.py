@@ -54,10 +54,11 @@ class _StoppedByHalt(enum.Enum):
 
     NONE = "none"
     STOPPED = "the drive may continue it when Halt falls"
-    CONTINUED = "the drive turned again, or does not show that it has ended its ramp: Halt stays"
+    ENDED = "Halt has fallen, at \"target reached\""
+    CONTINUED = "the drive turned again, or shows its target as not reached again (its brake opens): Halt stays"
 
 
-_NONE, _STOPPED, _CONTINUED = _StoppedByHalt
+_NONE, _STOPPED, _ENDED, _CONTINUED = _StoppedByHalt
 
 
 class MotionExecutor(Executor):
@@ -207,6 +208,11 @@ class MotionExecutor(Executor):
             feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0
         )
 
+    def _keeps_still(self) -> bool:
+        """The drive does not work on the setpoint that Halt has stopped."""
+        reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
+        return self.stopped and (reached or self._stopped_by_halt is not _ENDED)
+
     @property
     def _rests(self) -> bool:
         """The axis has stopped, and no setpoint is on its way that the drive may still start: Halt may fall.
@@ -252,7 +258,7 @@ class MotionExecutor(Executor):
         self._blocked = False
         if operates:
             mode.asked = False
-            if self._released() and not self.stopped:
+            if self._released() and not self._keeps_still():
                 self._stopped_by_halt = _CONTINUED
             extra = self._execute(before, reason)
             if not mode.asked:
@@ -322,6 +328,8 @@ class MotionExecutor(Executor):
     def _rest(self) -> int:
         """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
         if not self._stays_halted() and self._rests:
+            if self._halted and self.feedback.statusword & StatusBit.TARGET_REACHED:
+                self._stopped_by_halt = _ENDED
             return 0
         return self._halt()
 
