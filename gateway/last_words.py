@@ -1,7 +1,7 @@
 """Why a gateway ended, and what had stopped its drive objects: a file in the run directory for each status port.
 
-For ``pdgw status``, the page and the next gateway of this port. A start deletes it, so it belongs to the newest gateway of this
-port. A gateway that is killed leaves none.
+For ``pdgw status``, the page and the next gateway of this port. A start replaces it, so it belongs to the newest gateway of this
+port. That of a gateway that was killed has no end.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from pdgw.ds301.loop.loop import Loop
+from pdgw.durations import SECOND
 from pdgw.errors import PdgwError
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.place import prepared, run_directories, run_directory
@@ -31,19 +33,43 @@ class LastWords:
         """How the last one ended; empty if that is unknown."""
         self.origins: dict[str, str] = document.get("origins", {})
         """What had stopped its drive objects, by DO-ID."""
-        self.kept: Callable[[], dict[str, str]] = dict
-        """The same of this one, at its end."""
+        self._file = _file(port)
+        self._kept = self.origins
+        self._find: Callable[[], dict[str, str]] = lambda: self._kept
+
+    def keep(self, loop: Loop, find: Callable[[], dict[str, str]]) -> None:
+        """Write what stops the drive objects of this one within a second of a change: who is killed has no later time for it."""
+        self._find = find
+
+        def look() -> None:
+            if (found := find()) != self._kept:
+                self._kept = found
+                loop.offload(lambda: self.write(""))
+            loop.call_later(SECOND, look)
+
+        look()
+
+    def write(self, text: str) -> None:
+        """``text``: how this gateway has ended, empty while it runs. A file that cannot be written is left out."""
+        if self._file is None:
+            return
+        time = datetime.now().astimezone().isoformat(timespec="seconds")
+        temporary = self._file.with_suffix(".new")
+        with contextlib.suppress(OSError):
+            temporary.write_text(json.dumps({"time": time, "text": text, "origins": self._kept}), encoding="utf-8")
+            temporary.replace(self._file)
+
+    def end(self, text: str) -> None:
+        """The gateway has ended."""
+        self._kept = self._find()
+        self.write(text)
 
 
 @contextlib.contextmanager
 def kept_last_words(port: int) -> Iterator[LastWords]:
     """Keep how the gateway with this status port ends. 0: it has none. Without a run directory nothing is kept."""
-    words, file = LastWords(port), _file(port)
-    if file is None:
-        yield words
-        return
-    with contextlib.suppress(OSError):
-        file.unlink(missing_ok=True)
+    words = LastWords(port)
+    words.write("")
     text = "stopped as commanded"
     try:
         yield words
@@ -51,10 +77,7 @@ def kept_last_words(port: int) -> Iterator[LastWords]:
         text = str(error) if isinstance(error, PdgwError) else f"unexpected error: {error!r}"
         raise
     finally:
-        time = datetime.now().astimezone().isoformat(timespec="seconds")
-        document = {"time": time, "text": text, "origins": words.kept()}
-        with contextlib.suppress(OSError):
-            file.write_text(json.dumps(document), encoding="utf-8")
+        words.end(text)
 
 
 def _file(port: int) -> Path | None:
@@ -85,7 +108,7 @@ def _newest(port: int) -> dict[str, Any]:
 
 
 def _text(document: dict[str, Any]) -> str:
-    if not document:
+    if not document.get("text"):
         return ""
     time = datetime.fromisoformat(document["time"])
     return f"the last one ended on {time:%Y-%m-%d at %H:%M:%S}: {document['text']}"

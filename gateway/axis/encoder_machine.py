@@ -203,7 +203,7 @@ class EncoderMachine:
             elif isinstance(item, SdoAnswer):
                 self._answered(item)
             elif isinstance(item, RestartAsked):
-                self._node.restart_asked()
+                self._node.restart_asked = True
         self.inputs.news.clear()
 
     def _answered(self, answer: SdoAnswer) -> None:

@@ -158,6 +158,11 @@ class AxisMachine:
             except ProfidriveError as error:
                 self.outputs.found.append((FaultNumber.REFERENCE, f"G{place + 1}: {error}"))
 
+    @property
+    def restart_asked(self) -> bool:
+        """The gateway itself restarts the node."""
+        return self._node.restart_asked
+
     def tolerate(self, failures: int) -> None:
         """Set P925, the number of consecutive failures of the sign of life, and restart the count."""
         if self.life is not None:
@@ -444,7 +449,7 @@ class AxisMachine:
                     self._drive.fault_read(item, inputs.feedback, self._node.fault_of_number, inputs.now)
                     self._node.set_error_code(item.code)
                 case RestartAsked():
-                    self._node.restart_asked()
+                    self._node.restart_asked = True
         inputs.news.clear()
 
     def lacking(self, drive: DriveType, homing_method: int) -> str:

@@ -184,7 +184,12 @@ class Axis(DriveObject):
         finding = self.link_finding() if cell.fault == FaultNumber.PLC_LOST else None
         if finding is not None:
             return Origin(By.PLC, finding.evidence, finding.remedy, now, FaultNumber.PLC_LOST, now, 1)
-        detail = self.drive.unconfirmed if cell.fault == FaultNumber.NODE_LOST else ""
+        detail = ""
+        if cell.fault == FaultNumber.NODE_LOST:
+            detail = self.drive.unconfirmed
+            if self.machine.restart_asked:
+                restarted = "a parameter request has restarted the node (P970, P972)"
+                return Origin(By.PLC, restarted, Reason.NEEDS_OFF.remedy, now)
         return Origin.of_stop(cell.fault, cell.reason, detail, now)
 
     def transmit(self, now: int) -> None:

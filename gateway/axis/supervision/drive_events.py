@@ -113,7 +113,8 @@ class NodeWatch:
         self.set_drive(MappingProxyType({}), MappingProxyType({}))
         self._absent = False
         self._refusal = ""
-        self._restart_asked = False
+        self.restart_asked = False
+        """The gateway itself restarts the node."""
         self._emergencies: Repetitions[tuple[int, bool]] = Repetitions()
         self.last_fault = -SAME_EVENT_NS
         """When the last EMCY that is a fault came."""
@@ -141,16 +142,12 @@ class NodeWatch:
         """The bit of P953 for EMCY that are warnings: until the device reports the end of its errors, or an acknowledge."""
         return EMCY_WARNING if self._warnings else 0
 
-    def restart_asked(self) -> None:
-        """The gateway itself restarts the node."""
-        self._restart_asked = True
-
     def process(self, notice: NodeNotice) -> None:
         """One notice of the node."""
         what = notice.notice
         if what is Notice.EMERGENCY:
             self._emergency(notice)
-        elif self._restart_asked and what in _RESTARTING:
+        elif self.restart_asked and what in _RESTARTING:
             self._log("restarts, as commanded: " + notice.text)
         elif what in _FAULTS:
             self._raise(_FAULTS[what], notice)
@@ -161,7 +158,7 @@ class NodeWatch:
                 self._raise(FaultNumber.NODE_REFUSED, notice)
         elif what is Notice.ONLINE:
             self._refusal = ""
-            self._restart_asked = self._absent = False
+            self.restart_asked = self._absent = False
             self._log(notice.text)
         elif what is Notice.ABSENT:
             # Queried every half second: the same missing answer is one fault.

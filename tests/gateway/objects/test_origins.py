@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from pdgw.ds301.communication import NmtCommand
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.last_words import kept_last_words
+from pdgw.gateway.last_words import LastWords, kept_last_words
 from pdgw.gateway.objects.enable_chain import EnableStatus
 from pdgw.gateway.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber
 from pdgw.gateway.service.status import snapshot
@@ -171,10 +172,26 @@ def test_origins_are_kept_with_the_last_words(monkeypatch: pytest.MonkeyPatch, t
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
     with kept_last_words(4242) as words:
         assert (words.text, words.origins) == ("", {})
-        words.kept = lambda: {"1": "node lost, since 04:11:02"}
+        words.keep(VirtualLoop(), lambda: {"1": "node lost, since 04:11:02"})
     with kept_last_words(4242) as words:
         assert words.text.endswith(": stopped as commanded")
         assert words.origins == {"1": "node lost, since 04:11:02"}
+
+
+def test_origins_of_a_gateway_that_is_killed_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    with kept_last_words(4242) as words, in_operation() as (daemon, plc):
+        words.keep(daemon.loop, daemon.origins)
+        lose(plc, daemon)
+        run_out(plc)
+        killed = LastWords(4242)
+        assert (killed.text, list(killed.origins)) == ("", ["1"])
+        assert killed.origins["1"].startswith("node lost: silent")
+        with kept_last_words(4242):
+            assert LastWords(4242).origins == killed.origins, "the next one is killed before it has looked"
+        plc.enable()
+        run_out(plc)
+        assert LastWords(4242).origins == {}, "ON works again"
 
 
 STEPS: tuple[dict[str, int], ...] = (

@@ -91,7 +91,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
                 "_warnings",
                 "_refusal",
                 "_absent",
-                "_restart_asked",
+                "restart_asked",
             }
         )
     },

@@ -106,6 +106,12 @@ def speak(plc: Plc, _: Daemon) -> None:
     plc.silent = False
 
 
+def restart(plc: Plc, daemon: Daemon) -> None:
+    """P972."""
+    daemon.objects[0].reset_node()
+    miss(plc, daemon)
+
+
 def miss(plc: Plc, daemon: Daemon) -> None:
     """The drive is no longer on the bus."""
     plc.until(lambda: not daemon.axes[0].good, "lost")
@@ -271,6 +277,16 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         ),
         lacks=("sync",),
         cure=both(end_faults, online),
+    ),
+    "P972 restarts the drive, and the PLC sends ON before it is back": Situation(
+        begin=both(words((OFF, {})), restart, words((ON, {})), find),
+        says=(
+            "Waits: ON ignored: a parameter request has restarted the node (P970, P972), since ",
+            "set STW1.0 to 0 and then to 1",
+        ),
+        lacks=("node lost", "supply"),
+        health=Health.WARNING,
+        cure=_AGAIN,
     ),
     "another master resets the node of the drive": Situation(
         begin=both(command(NmtCommand.RESET_NODE), miss, find),
