@@ -154,7 +154,9 @@ class NodeClient(abc.ABC, Generic[S]):
         self._stopped = False
         """Its owner has stopped it by NMT."""
         self._emcy = ("", 0)
-        """Text and time of its last EMCY with an error."""
+        """Text and time of its last EMCY; the end of errors replaces an error after a second."""
+        self._started = 0
+        """When it was started last."""
         self.unconfirmed = ""
         """Why the cyclic side must not use an online node: what the gateway relies on was written, or a job writes it now.
         Empty: it may."""
@@ -471,6 +473,7 @@ class NodeClient(abc.ABC, Generic[S]):
             self._read_acyclic(entry)
         self._acyclic_failures = 0
         self.heartbeat.begin(self.settings.heartbeat_ms)
+        self._started = self.loop.now()
         self._nmt(NmtCommand.START)
 
     def _find_emcy(self) -> None:
@@ -605,7 +608,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 error = f", error register 1001h = {register:02X}h ({error_register_text(register)})"
             return self.kind.error_type(
                 f"NMT state of {node} after NMT start",
-                f"{NmtState.text(state)}{error}",
+                f"{NmtState.text(state)}{self._after_emcy(self._started)}{error}",
                 "Operational; remove the errors of the device, then restart the node (P972, or power off and on)",
             )
         for slot in self._slots:
@@ -724,15 +727,17 @@ class NodeClient(abc.ABC, Generic[S]):
     def _left(self, now: int) -> str:
         """Why the heartbeat shows another state than Operational."""
         state = NmtState.text(self.heartbeat.state)
-        text, time = self._emcy
         if self._stopped:
             self.loss = Loss.OWN_STOP
             return f"{state}: the gateway has stopped it (NMT)"
         if master := self._by_other_master(_TAKES_OUT):
             return f"{state}: {master}"
         self.loss = Loss.LEFT
-        after = f" after {text}" if time and now - time < SECOND else ""
-        return f"{state}: it has left Operational by itself{after}; {_DEVICE}"
+        return f"{state}: it has left Operational by itself{self._after_emcy(now - SECOND)}; {_DEVICE}"
+
+    def _after_emcy(self, since: int) -> str:
+        text, time = self._emcy
+        return f" after {text}" if time > since else ""
 
     def _by_other_master(self, commands: tuple[NmtCommand, ...]) -> str:
         """The last NMT command to the node, if another master sent it and it is one of these; else empty."""
@@ -822,6 +827,6 @@ class NodeClient(abc.ABC, Generic[S]):
             return
         code = int.from_bytes(data[:2], "little")
         text = f"EMCY {code:04X}h {self._emcy_text(code)}"
-        if code:
+        if code or not self._after_emcy(now - SECOND):
             self._emcy = text, now
         self.on_event(NodeEvent("emcy", text, code, data[2], data[3:], now))

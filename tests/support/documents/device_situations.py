@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from pdgw.ds301.communication import CONSUMER_HEARTBEAT, EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand, NmtState
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.gateway.daemon import Daemon
@@ -76,6 +76,15 @@ def end_fault(plc: Plc, daemon: Daemon) -> None:
 def _short(node: SimulatedNode, can_id: int, data: bytes) -> Frame:
     """A TPDO without its last byte."""
     return can_id, data[:-1] if node.is_pdo(can_id) else data
+
+
+def _leaves_operational(node: SimulatedNode, can_id: int, data: bytes) -> Frame:
+    """An EMCY instead of its first TPDO."""
+    if not node.is_pdo(can_id):
+        return can_id, data
+    node.state = NmtState.PRE_OPERATIONAL
+    node.on_nmt(node.state)
+    return EMCY + 1, bytes(8)
 
 
 def _ignores_start(can_id: int, data: bytes) -> bool:
@@ -173,6 +182,13 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         operates=False,
         spoil=_set_error_register,
         says=("rejected", "Pre-operational", "1001h = 11h (generic, communication)", "restart the node"),
+        lacks=("TPDO", "check power", "being configured", "config check"),
+        cure=end_fault,
+    ),
+    "the drive is Pre-operational after each EMCY, also at the end of its errors": DeviceSituation(
+        operates=False,
+        spoil=spoil(sent=_leaves_operational),
+        says=("rejected", "Pre-operational after EMCY 0000h", "restart the node"),
         lacks=("TPDO", "check power", "being configured", "config check"),
         cure=end_fault,
     ),
