@@ -78,9 +78,6 @@ _MASTER: Final = "switch the other master off, or have it leave this node alone"
 _DEVICE: Final = "check the device: its error behaviour 1029h, and the cause of its EMCY"
 _CHECKED: Final = "another tool wrote to its configuration"
 _NOT_STARTED: Final = "not started"
-_RESETS: Final = (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION)
-_TAKES_OUT: Final = (NmtCommand.STOP, NmtCommand.ENTER_PRE_OPERATIONAL, *_RESETS)
-"""NMT commands after which a node is not Operational."""
 SHORTEST_EMCY: Final = 3
 """Bytes of an EMCY of a device that sends only error code and error register."""
 _ONLINE: Final = NodeStatus.ONLINE
@@ -149,8 +146,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._idle = False
         """The task waits for something to do, and has no access."""
         self._reconfigure = False
-        self.loss: Loss = Loss.OTHER
-        """What the last loss was."""
+        self.loss: Loss | None = None
+        """Who caused the last loss, if not the node."""
         self._stopped = False
         """Its owner has stopped it by NMT."""
         self._emcy = ("", 0)
@@ -166,6 +163,12 @@ class NodeClient(abc.ABC, Generic[S]):
         """Failures of the bus before the node came online."""
         self._jobs = Jobs()
         self._task: Task | None = None
+        self._receivers = (
+            (NMT, self.heartbeat.commanded),
+            (EMCY + settings.node_id, self._on_emcy),
+            (ERROR_CONTROL + settings.node_id, self._on_heartbeat),
+            (SDO_REQUEST + settings.node_id, self._on_other_request),
+        )
         for direction in PdoDirection:
             for cob_id in direction.predefined(settings.node_id):
                 network.node_of_pdo(cob_id, settings.node_id)
@@ -246,14 +249,10 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def start(self) -> None:
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
-        node_id = self.settings.node_id
-        network = self.network
         self.sdo.open()
-        network.subscribe(NMT, self.heartbeat.commanded)
-        network.subscribe(EMCY + node_id, self._on_emcy)
-        network.subscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
-        network.subscribe(SDO_REQUEST + node_id, self._on_other_request)
-        self._task = self.loop.spawn(self._run, f"{self.kind.name} {node_id}")
+        for cob_id, take in self._receivers:
+            self.network.subscribe(cob_id, take)
+        self._task = self.loop.spawn(self._run, f"{self.kind.name} {self.settings.node_id}")
 
     def submit(self, job: Callable[[Self], T]) -> Future[T]:
         """Run a job with SDO access in the node's task; never delays the cyclic side.
@@ -279,16 +278,13 @@ class NodeClient(abc.ABC, Generic[S]):
         self._jobs.fail(self._not_online)
         self._unsubscribe_pdos()
         self.network.require_sync(self.settings.node_id, required=False)
-        network, node_id = self.network, self.settings.node_id
         if self._task is not None:
             self._task = None
             self.sdo.close()
-            network.unsubscribe(NMT, self.heartbeat.commanded)
-            network.unsubscribe(EMCY + node_id, self._on_emcy)
-            network.unsubscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
-            network.unsubscribe(SDO_REQUEST + node_id, self._on_other_request)
+            for cob_id, take in self._receivers:
+                self.network.unsubscribe(cob_id, take)
             if self._moved_emcy:
-                network.unsubscribe(self._moved_emcy, self._on_emcy)
+                self.network.unsubscribe(self._moved_emcy, self._on_emcy)
 
     def reconfigure(self, layout: PdoLayout, settings: S) -> None:
         """Map other PDOs with other settings; the device must not be in operation."""
@@ -432,8 +428,8 @@ class NodeClient(abc.ABC, Generic[S]):
         finally:
             self.sdo.patient = False
         try:
-            self._await_tpdos()
-            self._await_heartbeat()
+            self._await(_FIRST_SIGN_NS, self._missing_tpdos)
+            self._await(max(_FIRST_SIGN_NS, self.settings.heartbeat_limit_ns), self._missing_heartbeat)
         except CanopenError:
             self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)  # a rejected node executes NMT commands but must send no PDOs
             raise
@@ -583,19 +579,24 @@ class NodeClient(abc.ABC, Generic[S]):
         """Whether the node has restarted during the bring-up, or its layout has changed."""
         return self._booted.is_set() or self._reconfigure
 
-    def _await_tpdos(self) -> None:
-        deadline = self.loop.now() + _FIRST_SIGN_NS
-        while missing := [str(slot.pdo) for slot in self._slots if slot.data is None and slot.watched]:
-            if self._interrupted:
-                return
+    def _await(self, limit: int, find: Callable[[], CanopenError | None]) -> None:
+        """Until nothing is missing; raises what is after this time."""
+        deadline = self.loop.now() + limit
+        while (missing := find()) is not None and not self._interrupted:
             if self.loop.now() > deadline:
-                never_came = "" if self.settings.sync else "; set sync = true for TPDOs that are sent on SYNC only"
-                raise self._not_started() or self.kind.error_type(
-                    f"TPDOs of the {self.kind.name}",
-                    f"none of {', '.join(missing)}",
-                    f"each within 1 s of NMT start{f'; {_TPDO}' if self.generation else never_came}",
-                )
+                raise self._not_started() or missing
             self.loop.sleep(_RECHECK_NS)
+
+    def _missing_tpdos(self) -> CanopenError | None:
+        missing = [str(slot.pdo) for slot in self._slots if slot.data is None and slot.watched]
+        if not missing:
+            return None
+        never_came = "" if self.settings.sync else "; set sync = true for TPDOs that are sent on SYNC only"
+        return self.kind.error_type(
+            f"TPDOs of the {self.kind.name}",
+            f"none of {', '.join(missing)}",
+            f"each within 1 s of NMT start{f'; {_TPDO}' if self.generation else never_came}",
+        )
 
     def _not_started(self) -> CanopenError | None:
         """What the node shows after NMT start that explains a missing TPDO or heartbeat; None: nothing."""
@@ -620,26 +621,22 @@ class NodeClient(abc.ABC, Generic[S]):
                 )
         return None
 
-    def _await_heartbeat(self) -> None:
+    def _missing_heartbeat(self) -> CanopenError | None:
         """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
         heartbeat, longest = self.heartbeat, self.settings.heartbeat_limit_ns
-        limit = max(_FIRST_SIGN_NS, longest)
-        deadline = self.loop.now() + limit
-        while heartbeat.expected and (heartbeat.state != NmtState.OPERATIONAL or heartbeat.gap > longest):
-            if self._interrupted:
-                return
-            if self.loop.now() > deadline:
-                if heartbeat.by_requests:
-                    missing, todo = "answer to node guarding", "check that the CAN adapter sends remote frames"
-                else:
-                    missing, todo = "heartbeat", "set heartbeat_ms, or check the firmware: it accepted 1017h"
-                is_slow = heartbeat.state == NmtState.OPERATIONAL
-                raise self._not_started() or self.kind.error_type(
-                    f"{missing} of node {self.settings.node_id}",
-                    f"one every {heartbeat.gap / SECOND:.2g} s" if is_slow else "none",
-                    f"one every {self.settings.heartbeat_ms} ms, the first within {limit / SECOND:g} s of NMT start; {todo}",
-                )
-            self.loop.sleep(_RECHECK_NS)
+        runs = heartbeat.state == NmtState.OPERATIONAL
+        if not heartbeat.expected or (runs and heartbeat.gap <= longest):
+            return None
+        if heartbeat.by_requests:
+            missing, todo = "answer to node guarding", "check that the CAN adapter sends remote frames"
+        else:
+            missing, todo = "heartbeat", "set heartbeat_ms, or check the firmware: it accepted 1017h"
+        first = max(_FIRST_SIGN_NS, longest) / SECOND
+        return self.kind.error_type(
+            f"{missing} of node {self.settings.node_id}",
+            f"one every {heartbeat.gap / SECOND:.2g} s" if runs else "none",
+            f"one every {self.settings.heartbeat_ms} ms, the first within {first:g} s of NMT start; {todo}",
+        )
 
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
@@ -730,42 +727,37 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._stopped:
             self.loss = Loss.OWN_STOP
             return f"{state}: the gateway has stopped it (NMT)"
-        if master := self._by_other_master(_TAKES_OUT):
-            return f"{state}: {master}"
-        self.loss = Loss.LEFT
-        return f"{state}: it has left Operational by itself{self._after_emcy(now - SECOND)}; {_DEVICE}"
+        by_itself = f"it has left Operational by itself{self._after_emcy(now - SECOND)}; {_DEVICE}"
+        return f"{state}: {self._by_other_master() or by_itself}"
 
     def _after_emcy(self, since: int) -> str:
         text, time = self._emcy
         return f" after {text}" if time > since else ""
 
-    def _by_other_master(self, commands: tuple[NmtCommand, ...]) -> str:
-        """The last NMT command to the node, if another master sent it and it is one of these; else empty."""
-        command = self.heartbeat.foreign
-        if command not in commands:
+    def _by_other_master(self) -> str:
+        """The NMT command with which another master took the node out of Operational; else empty."""
+        if not (command := self.heartbeat.foreign):
             return ""
         self.loss = Loss.OTHER_MASTER
         return f"another master has sent NMT command {command:02X}h; {_MASTER}"
 
     def _lost(self, now: int) -> str:
         """Why an online node is lost; empty if it is not."""
-        self.loss = Loss.OTHER
+        self.loss = None
         if self._booted.is_set():
-            return self._by_other_master(_RESETS) or f"node {self.settings.node_id} restarted"
+            return self._by_other_master() or f"node {self.settings.node_id} restarted"
         if self.sdo.doubles.proof:
             return str(self.sdo.two_devices())
         heartbeat, silence = self.heartbeat, now - self.received_ns
         overdue = [slot for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots)
         if (overdue or lost) and heartbeat.expected and silence > self.settings.heartbeat_ms * MS:
-            self.loss = Loss.SILENT
             return "silent: neither heartbeats nor TPDOs"
         if lost:
             return lost
         if heartbeat.expected and heartbeat.state != NmtState.OPERATIONAL:
             return self._left(now)
         if overdue:
-            self.loss = Loss.TPDO
             beats = heartbeat.time > min(slot.time for slot in overdue) + self._timeout_ns // 2
             check = f" while its heartbeats arrive; {_TPDO}" if beats else ""
             return f"no {', '.join(str(slot.pdo) for slot in overdue)} for {self._timeout_ns // MS} ms{check}"
@@ -813,7 +805,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.heartbeat.receive(data, now):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
-                self.on_event(NodeEvent("boot", self._by_other_master(_RESETS) or "boot-up message", time_ns=now))
+                self.on_event(NodeEvent("boot", self._by_other_master() or "boot-up message", time_ns=now))
         if self.heartbeat.in_row == OFTEN:
             period = f"{self.heartbeat.gap // MS} ms, 1017h is {self.settings.heartbeat_ms}"
             self._notify("status", f"heartbeat comes every {period}")

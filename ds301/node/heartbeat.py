@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import ERROR_CONTROL, GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtState
+from pdgw.ds301.communication import ERROR_CONTROL, GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand, NmtState
 from pdgw.ds301.node.doubles import Doubles
 from pdgw.ds301.node.node import TpdoSlot
 from pdgw.durations import MS
@@ -36,7 +36,7 @@ class Heartbeat:
         self.stopped = False
         """It says Stopped."""
         self.foreign = 0
-        """The last NMT command to the node, if another master sent it; else 0."""
+        """The last NMT command to the node, if another master sent it and it is not Start; else 0."""
         self.expected = False
         """The node reports without end; its silence is a loss."""
         self.by_requests = False
@@ -66,7 +66,7 @@ class Heartbeat:
         """An NMT command was sent: the node may show another state. ``data``: that of another master."""
         self._states.clear()
         if not data or data[-1] in (0, self._node_id):
-            self.foreign = data[0] if data else 0
+            self.foreign = data[0] if data and data[0] != NmtCommand.START else 0
 
     def receive(self, data: bytes, now: int) -> bool:
         """A report has arrived; True for a boot-up message."""
@@ -96,10 +96,8 @@ class Heartbeat:
 
     def lost(self, now: int, limit: int, tpdos: Iterable[TpdoSlot]) -> str:
         """Why the node is lost; empty if it is there, or reports nothing at all."""
-        if not self.expected:
+        if not self.expected or now - self.time <= limit:
             return ""
-        if now - self.time > limit:
-            runs = any(slot.time > self.time + limit // 2 for slot in tpdos)
-            but = " while its TPDOs arrive; check the firmware of the device, and who writes 1017h" if runs else ""
-            return f"no heartbeat for {limit // MS} ms{but}"
-        return ""
+        runs = any(slot.time > self.time + limit // 2 for slot in tpdos)
+        but = " while its TPDOs arrive; check the firmware of the device, and who writes 1017h" if runs else ""
+        return f"no heartbeat for {limit // MS} ms{but}"

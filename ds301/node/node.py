@@ -31,14 +31,10 @@ class NodeStatus(enum.Enum):
 
 
 class Loss(enum.Enum):
-    """What ended the operation of a node that was online."""
+    """Who ended the operation of a node that was online, if it was not the node itself."""
 
-    OTHER = "something that its text says"
     OWN_STOP = "NMT stop by its owner"
     OTHER_MASTER = "NMT command of another master"
-    LEFT = "it left Operational by itself"
-    SILENT = "nothing comes any more"
-    TPDO = "a TPDO is missing"
 
 
 @dataclass(frozen=True, slots=True)

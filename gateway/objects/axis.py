@@ -27,7 +27,7 @@ from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.enable_chain import EnableStatus, axis_enable_status
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
-from pdgw.gateway.objects.origins import Origin
+from pdgw.gateway.objects.origins import ORDERS, Origin
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.gateway.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
 from pdgw.gateway.store import ConfirmedUnits
@@ -178,19 +178,20 @@ class Axis(DriveObject):
 
     def _origin(self, now: int) -> Origin:
         """That of the stop of this step, if no fault of it is reported."""
-        if self.gateway_stops:
-            return Origin(By.GATEWAY, Reason.GATEWAY_STOPS.value, Reason.NEEDS_OFF.remedy, now)
         cell = self.machine.interlock.cell
-        finding = self.link_finding() if cell.fault == FaultNumber.PLC_LOST else None
-        if finding is not None:
-            return Origin(By.PLC, finding.evidence, finding.remedy, now, FaultNumber.PLC_LOST, now, 1)
-        detail = ""
-        if cell.fault == FaultNumber.NODE_LOST:
-            detail = self.drive.unconfirmed
+        if self.gateway_stops:
+            return Origin(By.GATEWAY, Reason.GATEWAY_STOPS.value, now)
+        if (fault := GATEWAY_FAULTS.get(cell.fault or 0)) is None:
+            order = ORDERS.get(cell.reason)
+            return Origin(By.PLC if order else By.DRIVE, order or (cell.reason or Reason.NEEDS_OFF).value, now)
+        evidence = fault.name
+        if fault.number == FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
+            return Origin(By.PLC, finding.evidence, now, finding.remedy, fault.number, now, 1)
+        if fault.number == FaultNumber.NODE_LOST:
             if self.machine.restart_asked:
-                restarted = "a parameter request has restarted the node (P970, P972)"
-                return Origin(By.PLC, restarted, Reason.NEEDS_OFF.remedy, now)
-        return Origin.of_stop(cell.fault, cell.reason, detail, now)
+                return Origin(By.PLC, "a parameter request has restarted the node (P970, P972)", now)
+            evidence = f"{evidence}: {self.drive.unconfirmed}".removesuffix(": ")
+        return Origin(fault.by, evidence, now, fault.remedy, fault.number)
 
     def transmit(self, now: int) -> None:
         outputs, guarding = self.machine.outputs, self.drive.guarding
@@ -259,9 +260,8 @@ class Axis(DriveObject):
             return origin
         own = self.fault_log.of_device(self.machine.fault_began - EMERGENCY_PATIENCE_NS)
         present = self.origins.present
-        if present is not None and present.number in GATEWAY_FAULTS:
-            return own if own is not None and own.record.is_explained else origin
-        return own
+        follows = present is not None and present.number in GATEWAY_FAULTS
+        return origin if follows and (own is None or not own.record.is_explained) else own
 
     @property
     def encoders(self) -> tuple[EncoderObject | None, ...]:

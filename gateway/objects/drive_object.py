@@ -59,7 +59,7 @@ _NOTICE_OF_STATUS = {
 }
 
 
-_BY_LOSS = {Loss.OWN_STOP: By.GATEWAY, Loss.OTHER_MASTER: By.OTHER_MASTER}
+_BY_LOSS = {None: None, Loss.OWN_STOP: By.GATEWAY, Loss.OTHER_MASTER: By.OTHER_MASTER}
 _LOSSES = (FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED)
 
 
@@ -296,7 +296,7 @@ class DriveObject(abc.ABC):
 
     def _record(self, record: FaultRecord) -> None:
         self.fault_log.enter(record)
-        self.origins.enter(record, _BY_LOSS.get(self.client.loss) if record.number in _LOSSES else None)
+        self.origins.enter(record, _BY_LOSS[self.client.loss] if record.number in _LOSSES else None)
         kind = "warning" if record.is_warning else "fault"
         self._happened(f"{kind} {record.number}: {record.text}", stops=not record.is_warning)
         log.log(

@@ -22,13 +22,12 @@ from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.objects.bit_effects import bit_texts
 from pdgw.gateway.objects.origins import Origin, clock, since
-from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, By, Enable, FaultNumber, Reason
+from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
 from pdgw.profidrive.encoder import (
     ENCODER_ACKNOWLEDGE,
     SENSOR_ACKNOWLEDGE,
     SENSOR_ERROR_TEXTS,
     SensorError,
-    SensorInterface,
     SensorState,
 )
 from pdgw.profidrive.signal_text import value_text
@@ -212,8 +211,8 @@ class _Chain:
                 there = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
                 self.breaks(offline, f"{node} on bus {network.name}: {text}; {there}", _WRONG_NODE_ID)
             case _:
-                again = origin is not None and origin.number == FaultNumber.NODE_LOST and origin.count > 1
-                text = self.since(origin) if origin is not None and again else text
+                if origin is not None and origin.number == FaultNumber.NODE_LOST and origin.count > 1:
+                    text = self.since(origin)
                 self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
         return False
 
@@ -222,10 +221,9 @@ class _Chain:
         origin, severe = self.item.origins.present, self.item.origins.severe
         if severe is None:
             return
-        follows = origin is not None and origin.number not in (0, severe.number) and origin.first_ns <= severe.first_ns
-        text = (
-            f"{self.since(origin)}; then: {severe.evidence}" if origin is not None and follows else self.since(severe)
-        )
+        text = self.since(severe)
+        if origin is not None and origin.number not in (0, severe.number) and origin.first_ns <= severe.first_ns:
+            text = f"{self.since(origin)}; then: {severe.evidence}"
         self.breaks(Reason.SEVERE_FAULT, text, f"{severe.remedy}; {acknowledge}")
         self._links = {Enable.NO_FAULT: self._links.pop(Enable.NO_FAULT)} | self._links
 
@@ -306,7 +304,8 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
     commanded = demand.connected and demand.power in _ASKS and machine.interlock.reason in missing
     if state in FAULTY:
-        chain.breaks(Reason.DRIVE_FAULT, *_fault_texts(axis, _fault_origin(axis), _acknowledge(axis)))
+        origin = Origin.of(cause.record) if (cause := axis.cause) is not None else None
+        chain.breaks(Reason.DRIVE_FAULT, *_fault_texts(axis, origin, _acknowledge(axis)))
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
     elif machine.units_contradicted:
@@ -333,15 +332,6 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}{local}")
 
 
-def _fault_origin(item: DriveObject) -> Origin | None:
-    """That of the fault to name first."""
-    cause, present = item.cause, item.origins.present
-    if cause is None:
-        return None
-    own = Origin.of(cause.record)
-    return present if present is not None and (present.number, present.first_ns) == (own.number, own.first_ns) else own
-
-
 def _fault_texts(item: DriveObject, origin: Origin | None, acknowledge: str) -> tuple[str, str]:
     """Evidence and remedy of a fault, as far as it is known. ``acknowledge``: what remains to be done after its cause."""
     if origin is None:
@@ -349,12 +339,12 @@ def _fault_texts(item: DriveObject, origin: Origin | None, acknowledge: str) -> 
     return since(origin, item.client.loop), f"{origin.remedy}; {acknowledge}"
 
 
-def _sensor_texts(sensor: SensorInterface, source: DriveObject, acknowledge: str) -> tuple[str, str]:
-    """Evidence and remedy of a sensor error. ``source``: whose position it has."""
-    error, origin = sensor.error, _fault_origin(source)
-    if error is SensorError.SENSOR_GROUP:
-        origin = origin or source.origins.present
-    elif origin is not None and origin.by is not By.DRIVE:
+def _sensor_texts(error: SensorError | None, source: DriveObject, acknowledge: str) -> tuple[str, str]:
+    """Evidence and remedy of a sensor error; None: of the fault of an encoder. ``source``: whose position it has."""
+    cause, origin = source.cause, source.origins.present
+    if cause is not None and cause.record.of_device:
+        origin = Origin.of(cause.record)
+    elif error not in (None, SensorError.SENSOR_GROUP):
         origin = None
     evidence, remedy = _fault_texts(source, origin, acknowledge)
     what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
@@ -363,19 +353,16 @@ def _sensor_texts(sensor: SensorInterface, source: DriveObject, acknowledge: str
 
 def _sensor_notes(axis: Axis) -> Iterator[str]:
     """What G1 and G2 of an axis lack."""
-    machine = axis.machine
-    for number, (words, encoder) in enumerate(
-        zip((machine.sensor, machine.second_sensor), axis.encoders, strict=True), 1
-    ):
+    sensors = axis.machine.sensor, axis.machine.second_sensor
+    for number, (words, encoder) in enumerate(zip(sensors, axis.encoders, strict=True), 1):
         if words is None:
             continue
         sensor = words.channel.sensor
         if encoder is not None and not encoder.good:
             yield f"G{number} has no position: {encoder.label}: {encoder.enable_status.text}"
         elif sensor.state in (SensorState.ERROR, SensorState.ACKNOWLEDGING):
-            name = "" if encoder is None else f" ({encoder.label})"
-            texts = _sensor_texts(sensor, encoder or axis, f"then acknowledge (G{number}_STW.15)")
-            yield f"G{number}{name}: {'. '.join(texts)}"
+            texts = _sensor_texts(sensor.error, encoder or axis, f"then acknowledge (G{number}_STW.15)")
+            yield f"G{number}: {'. '.join(texts)}"
 
 
 def _check_command(chain: _Chain, axis: Axis) -> None:
@@ -563,14 +550,10 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     chain, machine = _Chain(encoder, ENCODER_CHAIN), encoder.machine
     reason = machine.outputs.reason
     if chain.check_node(Reason.ENCODER_OFFLINE):
-        if machine.in_error:
-            chain.breaks(
-                Reason.SENSOR_ERROR, *_sensor_texts(machine.channel.sensor, encoder, _acknowledge_encoder(encoder))
-            )
-        elif machine.control.fault:
-            chain.breaks(
-                Reason.ENCODER_FAULT, *_fault_texts(encoder, _fault_origin(encoder), _acknowledge_encoder(encoder))
-            )
+        error = machine.channel.sensor.error if machine.in_error else None
+        if machine.in_error or machine.control.fault:
+            kind = Reason.SENSOR_ERROR if machine.in_error else Reason.ENCODER_FAULT
+            chain.breaks(kind, *_sensor_texts(error, encoder, _acknowledge_encoder(encoder)))
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:

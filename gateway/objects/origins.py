@@ -17,7 +17,7 @@ from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
 
-_ORDERS: Final = {
+ORDERS: Final[dict[Reason | None, str]] = {
     Reason.RAMP_STOP: "ON came before the end of the OFF1 ramp",
     Reason.QUICK_STOP: "the PLC has sent OFF3 (STW1.2 = 0)",
     Reason.COAST_STOP: "the PLC has sent OFF2 (STW1.1 = 0)",
@@ -31,8 +31,8 @@ class Origin:
 
     by: By
     evidence: str
-    remedy: str
     first_ns: int
+    remedy: str = Reason.NEEDS_OFF.remedy
     number: int = 0
     """Its fault (P947); 0: no fault."""
     last_ns: int = 0
@@ -44,22 +44,11 @@ class Origin:
         """That of a fault; its text may end with a remedy."""
         fault, time = GATEWAY_FAULTS.get(record.number), record.time_ns
         if fault is None:
-            return cls(By.DRIVE, record.text, emcy_remedy(record.code), time, record.number, time, 1)
+            return cls(By.DRIVE, record.text, time, emcy_remedy(record.code), record.number, time, 1)
         evidence, remedy = record.text, ""
         if fault.by is not By.PLC:
             evidence, _, remedy = evidence.partition("; ")
-        return cls(by or fault.by, evidence, remedy or fault.remedy, time, record.number, time, 1)
-
-    @classmethod
-    def of_stop(cls, number: int | None, reason: Reason | None, detail: str, now: int) -> Origin:
-        """That of a stop whose fault is not reported yet, or that has none. ``number``, ``reason``: of its cell of the table."""
-        fault = GATEWAY_FAULTS.get(number or 0)
-        if fault is not None:
-            evidence = f"{fault.name}: {detail}" if detail else fault.name
-            return cls(fault.by, evidence, fault.remedy, now, fault.number)
-        text = _ORDERS.get(reason) if reason is not None else None
-        by = By.PLC if text else By.DRIVE
-        return cls(by, text or (reason or Reason.NEEDS_OFF).value, Reason.NEEDS_OFF.remedy, now)
+        return cls(by or fault.by, evidence, time, remedy or fault.remedy, record.number, time, 1)
 
 
 def clock(time_ns: int, loop: Loop) -> str:
@@ -78,7 +67,7 @@ class Origins:
     """The origin of one drive object."""
 
     def __init__(self, now: int) -> None:
-        self.present: Origin | None = Origin(By.GATEWAY, "the gateway has started", Reason.NEEDS_OFF.remedy, now)
+        self.present: Origin | None = Origin(By.GATEWAY, "the gateway has started", now)
         """Why ON is ignored; None while the drive follows the PLC."""
         self.severe: Origin | None = None
         """The first severe fault that is not acknowledged."""

@@ -48,14 +48,19 @@ def clock_time(seconds: float) -> str:
     return datetime.fromtimestamp(seconds).astimezone().isoformat(timespec="milliseconds")
 
 
+def _at(item: DriveObject, time_ns: int) -> str:
+    """A monotonic time as ``clock_time``."""
+    loop = item.client.loop
+    return clock_time(loop.wall() - (loop.now() - time_ns) / SECOND)
+
+
 def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str, Any]]:
     """Faults and warnings of a drive object, newest first; ``newest``: maximum number."""
     return [_fault(item, reported) for reported in item.fault_log.reported(present=item.outputs.warning, newest=newest)]
 
 
 def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
-    loop, record = item.client.loop, reported.record
-    age_s = (loop.now() - record.time_ns) / SECOND
+    record = reported.record
     return {
         "id": reported.id,
         "active": reported.active,
@@ -63,14 +68,14 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
         "code": record.code,
         "text": record.text,
         "is_warning": record.is_warning,
-        "time": clock_time(loop.wall() - age_s),
-        "age_s": round(age_s, 3),
+        "time": _at(item, record.time_ns),
+        "age_s": round((item.client.loop.now() - record.time_ns) / SECOND, 3),
     }
 
 
 def _origin(item: DriveObject) -> dict[str, Any] | None:
     """What began the stop of a drive object; None while it follows the PLC."""
-    loop, origin = item.client.loop, item.origins.present
+    origin = item.origins.present
     if origin is None:
         return None
     return {
@@ -79,8 +84,8 @@ def _origin(item: DriveObject) -> dict[str, Any] | None:
         "text": origin.evidence,
         "remedy": origin.remedy,
         "count": origin.count,
-        "first": clock_time(loop.wall() - (loop.now() - origin.first_ns) / SECOND),
-        "last": clock_time(loop.wall() - (loop.now() - (origin.last_ns or origin.first_ns)) / SECOND),
+        "first": _at(item, origin.first_ns),
+        "last": _at(item, origin.last_ns or origin.first_ns),
     }
 
 

@@ -412,9 +412,7 @@ def test_loss_of_an_encoder_is_a_note_of_its_axis_until_acknowledged() -> None:
         assert note() == f"G1 has no position: encoder 2: Not on the bus: node 20 on bus can: {lost}"
         item.node.restart()
         plc.until(lambda: daemon.encoders[0].good, "found again")
-        assert note().startswith(
-            "G1 (encoder 2): sensor error 0001h, the position is wrong or missing: node lost: silent"
-        )
+        assert note().startswith("G1: sensor error 0001h, the position is wrong or missing: node lost: silent")
         assert note().endswith("check plug, cable and supply of the node; then acknowledge (G1_STW.15)")
         for word in (0x8000, 0):
             plc.endpoint.set(0, {"G1_STW": word})
