@@ -193,7 +193,7 @@ class Reason(enum.Enum):
         "STW1.4 = 0: tasks are rejected, and nothing starts",
         _S.WAITS,
         _E.SETPOINT,
-        _SET,
+        "wait for standstill",
     )
     INTERMEDIATE_STOP = (
         "STW1.5 = 0: intermediate stop",
@@ -604,7 +604,7 @@ class Reason(enum.Enum):
         "give a target before this end; an endless axis needs 607Bh = 0/0, or a drive that wraps at 607Bh",
     )
     AT_SOFTWARE_LIMIT = (
-        "the axis is at a software limit, and jog or setting up leads beyond it",
+        "the axis is at a software limit, and its jog, setting up or endless block leads beyond it",
         _S.WAITS,
         _E.SETPOINT,
         "move in the other direction; the limits are the key software_limits",

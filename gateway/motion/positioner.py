@@ -335,7 +335,7 @@ class BasicPositioner(Positioner):
             Action.REFUSE_AND_BRAKE: self._refuse_and_brake,
             Action.UPDATE: self._update,
             Action.FOLLOW: lambda: self._chain.follow(self._now),
-            Action.FINISH: self._forget,
+            Action.FINISH: self._end,
             Action.JOG: self._start_jog,
             Action.JOG_DISTANCE: self._start_jog,
             Action.HOMED: self._homed,
@@ -419,6 +419,8 @@ class BasicPositioner(Positioner):
         """Evaluate changed bits before the table: edges, and the words they belong to."""
         operating, commands, edges = self.seen.bits & Seen.OPERATING != 0, self.request.commands, self._edges
         self._follow_bits(operating=operating)
+        if self._commands & ~commands & HOME and self.travel.warning is Reason.FUNCTION_RUNS:
+            self.warn(None)  # this order is withdrawn
         self._commands = commands if operating else commands & ~RISING
         accepts = commands & _DO_NOT_REJECT
         jogs = commands & JOGS
@@ -514,6 +516,13 @@ class BasicPositioner(Positioner):
         self._homing_waits = False
         self._jog = 0
         self._chain.drop()
+
+    def _end(self) -> None:
+        """The function has ended; an endless block only at a software limit."""
+        rests = self.travel.rests_at_limit
+        self._forget()
+        if rests:
+            self.warn(Reason.AT_SOFTWARE_LIMIT)
 
     def _begin(self) -> None:
         """A function other than a task begins."""

@@ -396,7 +396,7 @@ def test_a_function_with_a_speed_ends_at_the_software_limit_and_moves_back(funct
     go(True)
     rig.step(600)
     assert (rig.position, rig.result.at_plus) == (50_000, True)
-    assert rig.result.reason is (None if function == "endless block" else Reason.AT_SOFTWARE_LIMIT)
+    assert rig.result.reason is Reason.AT_SOFTWARE_LIMIT
     go(True)
     rig.step(50)
     assert rig.position == 50_000

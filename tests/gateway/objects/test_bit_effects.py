@@ -10,7 +10,7 @@ import pytest
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.objects.bit_effects import BIT_EFFECTS, BitEffect, bit_texts
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.reasons import AxisState, Reason
 from pdgw.profidrive.signals import signal
 from tests.support.documents.device_situations import MDI, POSITIONER
 from tests.support.documents.situations import clear_bits, in_operation, run_out
@@ -107,6 +107,20 @@ def test_what_is_asked_while_tasks_are_rejected_names_its_own_bit(number: int, w
         assert link is not None
         assert link.remedy == f"the PLC's program must set STW1.4 = 1, and then a new edge of STW1.{bit}"
         assert named(link.evidence) == {4, bit}
+
+
+@pytest.mark.parametrize("homing_method", ["homing_method = 35\n", ""], ids=["during a jog", "without a method"])
+def test_a_homing_order_that_is_withdrawn_leaves_no_reason(homing_method: str) -> None:
+    jog = 0x100 if homing_method else 0
+    with in_operation(POSITIONER.replace("homing_method = 35\n", homing_method)) as (daemon, plc):
+        for word in (0x043F, 0x043F | jog, 0x0C3F | jog):
+            plc.endpoint.set(0, {"STW1": word})
+            plc.exchange(20)
+        assert daemon.axes[0].reason in (Reason.FUNCTION_RUNS, Reason.HOMING_METHOD)
+        plc.endpoint.set(0, {"STW1": 0x043F | jog})
+        plc.exchange(20)
+        assert daemon.axes[0].enable_status.state is AxisState.OBEYS
+        assert daemon.axes[0].enable_status.broken is None
 
 
 def test_bits_that_give_a_reason_are_one_equation() -> None:

@@ -21,6 +21,7 @@ Frame = tuple[int, bytes]
 POSITIONER = axis(1, telegram_number=111, more=SIMULATED_POSITIONER)
 _LIMITED = axis(1, telegram_number=111, more=SIMULATED_POSITIONER.replace("[-1000000, 1000000]", "[-400, 400]"))
 MDI = {"POS_STW1": 0x8100, "OVERRIDE": 0x4000, "MDI_VELOCITY": 12_000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+_BLOCK = '[[axis.block]]\nnumber = 3\nvelocity = 12_000\nmode = "endless-positive"\n'
 _TASK = (
     (0x043E, {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x2000, "MDI_DEC": 0x2000}),
     (0x043F, {}),
@@ -337,6 +338,14 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         tables=_LIMITED,
         begin=words((0x043F, MDI | {"POS_STW2": 2}), (0x043F, {"POS_STW2": 0x4000}), (0x063F, {}), (0x063F, {})),
         says=("Waits", "at a software limit", "beyond it: -400 to 400 LU", "move in the other direction"),
+        lacks=("In operation",),
+        health=Health.WARNING,
+        cure=words((0x043F, {}), (0x053F, {}), (0x043F, {})),
+    ),
+    "telegram 110: an endless block is at a software limit": DeviceSituation(
+        tables=_LIMITED.replace("telegram = 111", "telegram = 110") + _BLOCK,
+        begin=words((0x043F, {"SATZANW": 3, "OVERRIDE": 0x4000, "POS_STW": 2}), (0x047F, {}), (0x047F, {})),
+        says=("Waits", "at a software limit", "endless block leads beyond it: -400 to 400 LU"),
         lacks=("In operation",),
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x053F, {}), (0x043F, {})),

@@ -194,6 +194,8 @@ class PositionerExecutor(MotionExecutor):
             reason = outputs.reason or why
             if reason is Reason.HOMING_ERROR:
                 reason = self.homing.failure
+                if reason is not Reason.HOMING_ERROR and not request.commands & Command.START_HOMING:
+                    positioner.warn(None)  # a refused order is withdrawn
         self._torque.follow(course.motion.torque if operating else None)
         if course.warning is not before or (before is not None and self._travel.evidence != self._why):
             self._warn(course.warning)
