@@ -97,6 +97,51 @@ def test_each_stop_without_an_order_has_an_origin_with_its_author(title: str) ->
         assert daemon.axes[0].origins.present is None, "ON works again"
 
 
+_STANDS = (AxisState.WAITS, AxisState.OFF, AxisState.NOT_ON_THE_BUS)
+_WITH_STW1 = sorted(number for number in DRIVE_TELEGRAMS if number != 100)
+
+
+def dsc_keys(number: int) -> str:
+    return 'dsc = "speed"\nfollowing_window = 10000\n' if number in (5, 6, 105, 106) else ""
+
+
+@pytest.mark.parametrize("number", _WITH_STW1 if COMPLETE else _WITH_STW1[::4])
+def test_each_stop_without_an_order_has_an_origin_with_every_telegram(number: int) -> None:
+    with in_operation(axis(1, telegram_number=number, more=dsc_keys(number) + SIMULATED_POSITIONER)) as (daemon, plc):
+        item = daemon.axes[0]
+        for title, (event, by, evidence) in EVENTS.items():
+            event(plc, daemon)
+            run_out(plc)
+            assert item.origins.present is not None, title
+            assert (item.origins.present.by, evidence in item.origins.present.evidence) == (by, True), title
+            words((OFF, {}), (OFF | 0x80, {}), (OFF, {}))(plc, daemon)
+            plc.enable()
+            assert item.origins.present is None, f"ON works again after {title}"
+
+
+def test_each_stop_of_a_transparent_telegram_has_an_origin_and_never_waits() -> None:
+    with running(configuration(axis(1, telegram_number=100), transport=SLOW_PLC)) as daemon:
+        plc, item = Plc(daemon, [100]), daemon.axes[0]
+        plc.until(lambda: item.good, "online")
+        ramps = {"Profile Acceleration": 300, "Profile Deceleration": 300, "Dynamic Speed Limit": 1000}
+        plc.endpoint.set(0, ramps | {"Modes of Operation": 3, "Target Velocity": 500, "Dynamic Torque Limit": 1000})
+        for title, (event, by, evidence) in EVENTS.items():
+            if title in ("control", "OFF3"):
+                continue  # its Controlword is the PLC's own
+            for word in (0x06, 0x86, 0x06, 0x0F):
+                plc.endpoint.set(0, {"Controlword": word})
+                run_out(plc, 400 * MS)
+            assert item.turns
+            assert item.origins.present is None, f"ON works again before {title}"
+            event(plc, daemon)
+            for _ in range(50):
+                run_out(plc, 20 * MS)
+                if item.turns:
+                    assert status_of(daemon).state not in _STANDS, status_of(daemon).sentence
+            assert item.origins.present is not None, title
+            assert (item.origins.present.by, evidence in item.origins.present.evidence) == (by, True), title
+
+
 PAIRS = [pair for pair in itertools.permutations(EVENTS, 2) if "OFF3" not in pair]
 
 
@@ -227,13 +272,12 @@ TURNING: dict[str, int] = {
 }
 
 
-@pytest.mark.parametrize("number", sorted(item for item in DRIVE_TELEGRAMS if item != 100))
+@pytest.mark.parametrize("number", _WITH_STW1)
 @pytest.mark.parametrize(
     "reaction", PlcLossReaction if COMPLETE else [PlcLossReaction.COAST], ids=lambda item: item.name
 )
 def test_a_shaft_that_turns_never_waits_and_is_never_off(number: int, reaction: PlcLossReaction) -> None:
-    dsc = 'dsc = "speed"\nfollowing_window = 10000\n' if number in (5, 6, 105, 106) else ""
-    more = f'{dsc}on_plc_loss = "{reaction.value}"\n{SIMULATED_POSITIONER}'
+    more = f'{dsc_keys(number)}on_plc_loss = "{reaction.value}"\n{SIMULATED_POSITIONER}'
     with in_operation(axis(1, telegram_number=number, more=more)) as (daemon, plc):
         values = {name: value for name, value in TURNING.items() if name in plc.endpoint.setpoints[0]}
         item, turned = daemon.axes[0], 0
@@ -245,9 +289,7 @@ def test_a_shaft_that_turns_never_waits_and_is_never_off(number: int, reaction: 
                 turned += item.turns
                 if item.turns:
                     state = item.enable_status.state
-                    assert state not in (AxisState.WAITS, AxisState.OFF, AxisState.NOT_ON_THE_BUS), (
-                        item.enable_status.sentence
-                    )
+                    assert state not in _STANDS, item.enable_status.sentence
 
         for word in STEPS:
             plc.endpoint.set(0, values | word)

@@ -7,6 +7,7 @@ from random import Random
 import pytest
 
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
 from pdgw.gateway.motion.positioner import BasicPositioner
 from pdgw.gateway.objects.protections import Protection, protections
 from pdgw.gateway.service.status import snapshot
@@ -23,9 +24,10 @@ def named(found: list[Protection]) -> dict[str, Protection]:
     return {item.name: item for item in found}
 
 
-@pytest.mark.parametrize("number", [1, 3, 7, 9, 100, 102, 110, 111])
+@pytest.mark.parametrize("number", sorted(DRIVE_TELEGRAMS))
 def test_check_of_the_file_and_status_name_the_same_protections(number: int) -> None:
-    more = SIMULATED_POSITIONER if number in {7, 110, 111} else "simulate = true"
+    dsc = 'dsc = "speed"\nfollowing_window = 10000\n' if number in (5, 6, 105, 106) else ""
+    more = dsc + (SIMULATED_POSITIONER if number in {7, 110, 111, 112} else "simulate = true")
     config = configuration(axis(1, telegram_number=number, more=more))
     checked = [line.removeprefix("axis 1: ") for line in _start(config)]
     with running(config) as daemon:
