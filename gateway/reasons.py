@@ -62,7 +62,9 @@ class Reason(enum.Enum):
     remedy: str
     """The remedy."""
 
-    def __new__(cls, text: str, state: AxisState, enable: Enable, remedy: str) -> Reason:
+    def __new__(
+        cls, text: str, remedy: str, enable: Enable = Enable.SETPOINT, state: AxisState = AxisState.WAITS
+    ) -> Reason:
         member = object.__new__(cls)
         member._value_ = text
         member.code = len(cls.__members__) + 1
@@ -71,561 +73,447 @@ class Reason(enum.Enum):
 
     NO_PLC = (
         "no valid frame from the PLC yet: Controlword stays 0",
-        _S.WAITS,
-        _E.PLC,
         "bring the PLC to RUN; check its target address and port, and that its frames have the bytes of pdgw map",
+        _E.PLC,
     )
     PLC_LOST = (
         "PLC lost: the gateway stops the drive; ON is accepted again only after an OFF (STW1.0 = 0)",
-        _S.WAITS,
-        _E.PLC,
         "check the cable, the PLC's operating mode (STOP) and its cycle time; then OFF and ON",
+        _E.PLC,
     )
     NO_CONTROL = (
         "STW1.10 = 0 (control by PLC): the drive does not start and ignores setpoints; OFF1, OFF2 and OFF3 act",
-        _S.WAITS,
-        _E.CONTROL,
         _SET,
+        _E.CONTROL,
     )
     NEEDS_OFF = (
         "ON ignored: send an OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)",
-        _S.WAITS,
-        _E.ON_EDGE,
         "OFF and ON: the PLC's program must set STW1.0 to 0 and then to 1, with STW1.1 = STW1.2 = 1",
+        _E.ON_EDGE,
     )
     DRIVE_OFFLINE = (
         "drive is not online: the gateway sends no command",
-        _S.NOT_ON_THE_BUS,
-        _E.NODE,
         "check power, CAN cable, termination, bit rate and node-ID of the drive",
+        _E.NODE,
+        _S.NOT_ON_THE_BUS,
     )
     DRIVE_FAULT = (
         "the drive is in fault",
-        _S.FAULT,
-        _E.NO_FAULT,
         "remove the cause; then acknowledge (STW1.7)",
+        _E.NO_FAULT,
+        _S.FAULT,
     )
     DRIVE_UNKNOWN_STATE = (
         "the Statusword matches no state of CiA 402: the gateway stops the drive",
-        _S.FAULT,
-        _E.NO_FAULT,
         "check the device and its PDO mapping: the Statusword is not a CiA 402 state",
+        _E.NO_FAULT,
+        _S.FAULT,
     )
     REFERENCE_INVALID = (
         "100 % of the speed is unknown, or the drive lacks the mode of operation (fault 104 names the missing key)",
-        _S.FAULT,
-        _E.NO_FAULT,
         "set the key that fault 104 names, see pdgw config check --bus",
+        _E.NO_FAULT,
+        _S.FAULT,
     )
     RAMP_STOP = (
         "OFF1 ramp in progress: ON is accepted at standstill",
-        _S.STOPPING,
-        _E.ON_EDGE,
         "wait for standstill, then ON",
+        _E.ON_EDGE,
+        _S.STOPPING,
     )
     QUICK_STOP = (
         "quick stop in progress",
-        _S.OFF,
-        _E.ON_EDGE,
         "wait for standstill; then OFF and ON",
+        _E.ON_EDGE,
+        _S.OFF,
     )
     COAST_STOP = (
         "coast stop: STW1.1 = 0",
-        _S.OFF,
-        _E.ON_EDGE,
         "OFF and ON",
+        _E.ON_EDGE,
+        _S.OFF,
     )
     SETPOINT_DISABLED = (
         "no setpoint: STW1.4, STW1.5 or STW1.6 is 0",
-        _S.WAITS,
-        _E.SETPOINT,
         _SET,
     )
     INTERNAL_LIMIT = (
         "the drive itself limits the motion (Statusword.11 = 1): limit switch, position or speed limit",
-        _S.WAITS,
-        _E.SETPOINT,
         "check limit switches and the drive's own limits; move away from them",
     )
     STOPPED_AT_LIMIT = (
         "stopped at a limit of the drive (Statusword.11)",
-        _S.WAITS,
-        _E.SETPOINT,
         "send a setpoint in the other direction; after the limit is free, setpoint 0 (or OFF and ON) ends this stop",
     )
     TASK_AT_LIMIT = (
         "task stopped at a limit of the drive (Statusword.11)",
-        _S.WAITS,
-        _E.SETPOINT,
         "send a task in the other direction; after the limit is free, STW1.5 = 0 and 1 continues the task",
     )
     SET_POINT_REFUSED = (
         "the drive rejected the data of the setpoint (SDO): not started, needs a new edge",
-        _S.WAITS,
-        _E.SETPOINT,
         "see fault 119 for the value that the drive rejects; then send a new edge",
     )
     NOT_OPERATING = (
         "drive is not in operation: setpoints have no effect",
-        _S.STARTING,
-        _E.OPERATION,
         "check the drive's own enables: safe torque off (STO), enable input, limit switches",
+        _E.OPERATION,
+        _S.STARTING,
     )
     MODE_NOT_CONFIRMED = (
         "waiting for the drive to confirm the mode of operation (6061h)",
-        _S.WAITS,
-        _E.OPERATION,
         "use a drive that supports the mode of operation of this telegram",
+        _E.OPERATION,
     )
     MODE_VALUE = (
         "the drive does not support this mode of operation: the gateway does not send it",
-        _S.WAITS,
-        _E.SETPOINT,
         "send a mode of operation that the drive supports",
     )
     MDI_OFF = (
         "SATZANW.15 = 0: MDI is not selected, no traversing task is started",
-        _S.WAITS,
-        _E.SETPOINT,
         _SET,
     )
     REJECTED = (
         "STW1.4 = 0: tasks are rejected, and nothing starts",
-        _S.WAITS,
-        _E.SETPOINT,
         "wait for standstill",
     )
     INTERMEDIATE_STOP = (
         "STW1.5 = 0: intermediate stop",
-        _S.WAITS,
-        _E.SETPOINT,
         _SET,
     )
     HOMING_METHOD = (
         "homing method is not supported: homing is not started",
-        _S.WAITS,
-        _E.SETPOINT,
         "set a homing_method that the drive supports; fault 108 lists them",
     )
     HOMING_SETUP = (
         "waiting for the drive to accept homing method and speeds (SDO)",
-        _S.WAITS,
-        _E.SETPOINT,
         "wait less than a second",
     )
     HOMING_STOPPED = (
         "STW1.11 = 0: homing is being stopped",
-        _S.WAITS,
-        _E.SETPOINT,
         "set STW1.11 again for another attempt",
     )
     HOMING_ERROR = (
         "the drive reports a homing error (Statusword.13) or does not reach its home position",
-        _S.WAITS,
-        _E.SETPOINT,
         "check the home switch and the homing speeds; then start homing again",
     )
     FUNCTION_RUNS = (
         "an edge of STW1.6 or STW1.11 came while another function of the positioner was active: it starts nothing",
-        _S.WAITS,
-        _E.SETPOINT,
         "end the active function, then send the edge again",
     )
     TASK_BLOCK_UNKNOWN = (
         "traversing block does not exist: nothing moves",
-        _S.WAITS,
-        _E.SETPOINT,
         "select a block of the configuration",
     )
     TASK_SPEED_ZERO = (
         "speed of the task is 0: nothing moves",
-        _S.WAITS,
-        _E.SETPOINT,
         "give the task a speed above 0",
     )
     TASK_TARGET_RANGE = (
         "target of the task is out of range: nothing moves",
-        _S.WAITS,
-        _E.SETPOINT,
         "give a target in range",
     )
     TASK_DIRECTION = (
         "setting up needs exactly one direction (POS_STW1.9 or .10), a modulo axis at most one: nothing moves",
-        _S.WAITS,
-        _E.SETPOINT,
         "set one of POS_STW1.9 and .10",
     )
     UPDATE_RELATIVE = (
         "continuous update needs absolute positions: nothing changes",
-        _S.WAITS,
-        _E.SETPOINT,
         "select absolute positioning",
     )
     OVERRIDE_ZERO = (
         "OVERRIDE is 0: the task waits",
-        _S.WAITS,
-        _E.SETPOINT,
         "raise OVERRIDE",
     )
     SOFTWARE_LIMIT = (
         "target is beyond a software limit: the limit is the target",
-        _S.WAITS,
-        _E.SETPOINT,
         "give a target inside the software limits",
     )
     FLYING_NOT_SUPPORTED = (
         "the drive has no second setpoint buffer: the block continues with a stop",
-        _S.WAITS,
-        _E.SETPOINT,
         "use blocks that stop, or a drive with a second setpoint buffer",
     )
     TORQUE_LIMIT = (
         "torque limit 6072h is being written, or the drive rejected it",
-        _S.WAITS,
-        _E.SETPOINT,
         "wait; if it stays, read the fault of the axis",
     )
     FIXED_STOP_MISSED = (
         "no fixed stop before the target of the block",
-        _S.WAITS,
-        _E.SETPOINT,
         "check the mechanics and the target of the block",
     )
     PASSIVE_HOMING_NOT_SUPPORTED = (
         "the drive has no touch probe (60B8h): passive homing is not possible",
-        _S.WAITS,
-        _E.SETPOINT,
         "use active homing",
     )
     REFERENCE_POINT_MOVING = (
         "the reference point was not set: the axis moved, or a task was active",
-        _S.WAITS,
-        _E.SETPOINT,
         "at standstill and without a task, set POS_STW2.1 (telegram 110: POS_STW.1) to 0 and to 1",
     )
     DSC_FAR_FROM_AXIS = (
         "DSC starts too far from the actual position (following_window): the axis does not move",
-        _S.WAITS,
-        _E.SETPOINT,
         "copy the actual position of the axis to the PLC's setpoint before DSC starts",
     )
     DSC_OUT_OF_DATE = (
         "no new XERR from the PLC for too long: the axis stops with a ramp, then DSC starts again",
-        _S.WAITS,
-        _E.SETPOINT,
         "check the PLC's cycle time and why its frames are late; DSC tolerates a shorter gap than the watchdog",
     )
     ENCODER_NO_PLC = (
         "no valid frame from the PLC: the encoder receives no request",
-        _S.WAITS,
-        _E.PLC,
         "bring the PLC to RUN; check its target address and port, and that its frames have the bytes of pdgw map",
+        _E.PLC,
     )
     ENCODER_NO_CONTROL = (
         "STW2_ENC.10 = 0 (control by PLC): G1_STW is not evaluated",
-        _S.WAITS,
-        _E.CONTROL,
         _SET,
+        _E.CONTROL,
     )
     ENCODER_OFFLINE = (
         "encoder is not online: its position is not valid",
-        _S.NOT_ON_THE_BUS,
-        _E.NODE,
         "check power, CAN cable, termination, bit rate and node-ID of the encoder",
+        _E.NODE,
+        _S.NOT_ON_THE_BUS,
     )
     SENSOR_ERROR = (
         "sensor error, code in G1_XIST2: acknowledge with a rising edge of G1_STW.15",
-        _S.FAULT,
-        _E.NO_FAULT,
         "remove the cause, then acknowledge with a rising edge of G1_STW.15",
+        _E.NO_FAULT,
+        _S.FAULT,
     )
     SENSOR_PARKED = (
         "G1_STW.14 = 1: sensor is parked",
-        _S.OFF,
-        _E.SENSOR,
         "set G1_STW.14 to 0",
+        _E.SENSOR,
+        _S.OFF,
     )
     SENSOR_PRESETTING = (
         "waiting for the encoder to accept and show the preset",
-        _S.STARTING,
-        _E.SENSOR,
         "wait some seconds",
+        _E.SENSOR,
+        _S.STARTING,
     )
     UNITS_CONTRADICTED = (
         "the speed contradicts the units of the drive (fault 128): stopped, ON is ignored until an acknowledgement",
-        _S.FAULT,
-        _E.NO_FAULT,
         "check velocity_unit and counts_per_revolution with pdgw axis test, acknowledge with STW1.7, then OFF and ON",
+        _E.NO_FAULT,
+        _S.FAULT,
     )
     BUS_LOST = (
         "the CAN bus is lost: bus-off, or no interface",
-        _S.NOT_ON_THE_BUS,
-        _E.BUS,
         "check CAN cable, termination, bit rate and the interface; the gateway connects again by itself",
+        _E.BUS,
+        _S.NOT_ON_THE_BUS,
     )
     NODE_REFUSED = (
         "the gateway rejects the device: it is not the configured device, or it does not accept its configuration",
-        _S.NOT_ON_THE_BUS,
-        _E.NODE,
         "compare the device with the configuration, see pdgw config check --bus",
+        _E.NODE,
+        _S.NOT_ON_THE_BUS,
     )
     NODE_CONFIGURING = (
         "the device is being configured",
-        _S.STARTING,
-        _E.NODE,
         "wait until every object is read and written; a slow device needs minutes",
+        _E.NODE,
+        _S.STARTING,
     )
     NO_SUPPLY = (
         "the drive reports no supply voltage (Statusword.4 = 0)",
-        _S.WAITS,
-        _E.SUPPLY,
         "check main contactor, emergency stop and the supply of the power stage",
+        _E.SUPPLY,
     )
     SWITCHED_OFF = (
         "the PLC has switched the drive off (STW1.0 = 0)",
-        _S.OFF,
-        _E.ON_EDGE,
         "no error: ON (STW1.0 = 1) switches the drive on",
+        _E.ON_EDGE,
+        _S.OFF,
     )
     ENABLE_MISSING = (
         "the PLC does not enable operation: STW1.3 = 0",
-        _S.WAITS,
-        _E.ON_EDGE,
         _SET,
+        _E.ON_EDGE,
     )
     PLC_STALLED = (
         "the PLC's sign of life (STW2.12-15) does not count with each frame: its program is stopped or too slow",
-        _S.WAITS,
-        _E.PLC,
         "check the PLC's program; count in the clock of the frames, or raise P925; then OFF and ON",
+        _E.PLC,
     )
     GATEWAY_STOPS = (
         "the gateway is being stopped",
-        _S.STOPPING,
-        _E.PLC,
         "start the gateway again",
+        _E.PLC,
+        _S.STOPPING,
     )
     NOT_ACKNOWLEDGED = (
         "the drive did not acknowledge the setpoint (Statusword.12 = 0): it may not execute the task",
-        _S.WAITS,
-        _E.SETPOINT,
         "check that 6061h of the drive keeps the mode of operation; then reject the task (STW1.4 = 0) or send a new one",
     )
     MOVES_UNASKED = (
         "the drive continued a stopped task when Halt fell: Halt stays set until the next task",
-        _S.WAITS,
-        _E.SETPOINT,
         "send the next task; its first cycle may move the axis towards the old target",
     )
     NODE_WRITTEN = (
         "a write changed units or settings of the device: the gateway checks them before the next start",
-        _S.STARTING,
-        _E.NODE,
         "wait less than a second; then OFF and ON",
+        _E.NODE,
+        _S.STARTING,
     )
     TASK_RAMP_ZERO = (
         "acceleration or deceleration of the task is 0: nothing moves",
-        _S.WAITS,
-        _E.SETPOINT,
         "give the task an acceleration and a deceleration above 0",
     )
     NOT_REACHED = (
         "the axis is at standstill before its target: Statusword.10 = 0",
-        _S.WAITS,
-        _E.SETPOINT,
         "check whether the axis is blocked, its brake, and the torque limit and the position window (6067h) of the drive",
     )
     FOLLOWING_ERROR = (
         "the axis is at standstill before its target: following error of the drive (Statusword.13 = 1)",
-        _S.WAITS,
-        _E.SETPOINT,
         "check whether the axis is blocked, its brake, and the torque limit of the drive",
     )
     STANDS_AWAY = (
         "the drive reports its target as reached (Statusword.10 = 1), but is away from the target of the task",
-        _S.WAITS,
-        _E.SETPOINT,
         "check the software limits (607Dh) and the units of the drive; then send a new task",
     )
     SETPOINT_BLOCKED = (
         "the drive does not take a new setpoint: it still acknowledges the last one (Statusword.12 = 1)",
-        _S.WAITS,
-        _E.SETPOINT,
         "OFF and ON; if it stays, check the drive: Statusword.12 must fall with Controlword.4",
     )
     HOMING_STALLED = (
         "the axis is at standstill, and its homing does not end (Statusword.10 = Statusword.12 = 0)",
-        _S.WAITS,
-        _E.SETPOINT,
         "check whether the axis is blocked, its brake, and the home switch; STW1.11 = 0 ends the homing",
     )
     INHIBITED = (
         "the drive does not leave Switch On Disabled: safe torque off (STO), enable input or supply; ON is used up",
-        _S.WAITS,
-        _E.OPERATION,
         "close STO and the enable input, switch the supply on; then send OFF (STW1.0 = 0) and ON",
+        _E.OPERATION,
     )
     HELD_OFF = (
         "the PLC sends ON (STW1.0 = 1) and keeps the drive off: STW1.1, STW1.2 and STW1.3 must be 1 too",
-        _S.WAITS,
-        _E.ON_EDGE,
         "when these bits are 1, send OFF and ON",
+        _E.ON_EDGE,
     )
     HOMING_REFUSED = (
         "the drive rejects the homing method or its speeds (fault 111): homing is not started",
-        _S.WAITS,
-        _E.SETPOINT,
         "choose a homing_method that the drive supports (6098h, 60E3h) and speeds inside its limits (6099h)",
     )
     FRAME_LAYOUT = (
         "the PLC's frames have another layout: another telegram, or another number of axes",
-        _S.WAITS,
-        _E.PLC,
         "give the PLC the layout that pdgw map prints, or set the telegram of each axis to that of the PLC",
+        _E.PLC,
     )
     FRAME_INVALID = (
         "the PLC's frames are not valid: FrameID or DataStatus",
-        _S.WAITS,
-        _E.PLC,
         "the PLC must send FrameID and DataStatus as pdgw map prints them",
+        _E.PLC,
     )
     FRAME_TICK = (
         "the PLC's frames are without a tick of this gateway",
-        _S.WAITS,
-        _E.PLC,
         "the PLC must receive the gateway's frames and copy the tick of the newest one (docs/plc.md)",
+        _E.PLC,
     )
     FRAME_OLD = (
         "the PLC's frames are older than twice the watchdog time",
-        _S.WAITS,
-        _E.PLC,
         "raise watchdog_factor; if the age rises steadily, the PLC must read all waiting frames in each scan",
+        _E.PLC,
     )
     FRAME_COUNTER = (
         "the cycle counter of the PLC's frames does not increase",
-        _S.WAITS,
-        _E.PLC,
         "the PLC must raise the cycle counter with each frame (docs/plc.md)",
+        _E.PLC,
     )
     PLC_STOP = (
         "the PLC is in STOP: its frames come, but the provider state is not RUN",
-        _S.WAITS,
-        _E.PLC,
         "set the PLC to RUN; then OFF and ON",
+        _E.PLC,
     )
     PLC_BAD = (
         "the PLC marks its data for this drive object as bad (IOPS)",
-        _S.WAITS,
-        _E.PLC,
         "the PLC must set the IOPS of this drive object to 80h, at its place in pdgw map; then OFF and ON",
+        _E.PLC,
     )
     OTHER_SENDER = (
         "frames of another sender than the PLC do not count",
-        _S.WAITS,
-        _E.PLC,
         "switch the other sender off, or give it another gateway",
+        _E.PLC,
     )
     WATCHDOG_SHORT = (
         "the PLC is lost repeatedly: its frames come later than the watchdog time",
-        _S.WAITS,
-        _E.PLC,
         "raise cycle_time_ms or watchdog_factor, or find what delays the PLC's frames; then OFF and ON",
+        _E.PLC,
     )
     NO_RELATIONSHIP = (
         "the PROFINET controller has no relationship with this drive object",
-        _S.WAITS,
-        _E.PLC,
         "compare name of station, modules and telegrams of the controller's project with pdgw map",
+        _E.PLC,
     )
     MODE_KEPT = (
         "the drive does not change its mode of operation while it is in operation (6061h)",
-        _S.WAITS,
-        _E.OPERATION,
         "end the request; then check whether the drive has this mode (6502h) and changes it in Operation Enabled",
+        _E.OPERATION,
     )
     LOST_EDGE = (
         "the last edge of STW1.6 started no task",
-        _S.WAITS,
-        _E.SETPOINT,
         "set STW1.6 to 0 and to 1",
     )
     EARLY_EDGE = (
         "STW1.6 was 1 before operation: this starts no task",
-        _S.WAITS,
-        _E.SETPOINT,
         "set STW1.6 to 0 and, in operation, to 1",
     )
     LOST_HOMING = (
         "STW1.11 = 1 starts no homing",
-        _S.WAITS,
-        _E.SETPOINT,
         "set STW1.11 to 0 and to 1",
     )
     LOST_JOG = (
         "STW1.8 or STW1.9 = 1 starts no jog",
-        _S.WAITS,
-        _E.SETPOINT,
         "set STW1.8 = STW1.9 = 0, then one of them to 1",
     )
     BYTES_SWAPPED = (
         "the two bytes of STW1 are swapped",
-        _S.WAITS,
-        _E.CONTROL,
         "swap the bytes of each word in the PLC's program: PROFIdrive sends the high byte first",
+        _E.CONTROL,
     )
     CONTROL_HELD = (
         'STW1.10 = 0 (control by PLC): the drive continues with its last setpoint (control_lost = "hold")',
-        _S.WAITS,
-        _E.CONTROL,
         _SET,
+        _E.CONTROL,
     )
     ENCODER_FAULT = (
         "the encoder is in fault (ZSW2_ENC.3 = 1)",
-        _S.FAULT,
-        _E.NO_FAULT,
         "remove the cause; then acknowledge (STW2_ENC.7)",
+        _E.NO_FAULT,
+        _S.FAULT,
     )
     TASK_VELOCITY = (
         "velocity x OVERRIDE of the task is below 100 %, the only velocity of this drive (no 6081h)",
-        _S.WAITS,
-        _E.SETPOINT,
         "set the velocity of the task to 100 % (max_velocity) and OVERRIDE to 4000h (100 %); then send a new task",
     )
     NOT_LEFT = (
         "the drive is at standstill and has not left operation yet",
-        _S.STOPPING,
-        _E.OPERATION,
         "wait while its brake closes; if it takes longer than 10 s, check the brake and its time in the drive",
+        _E.OPERATION,
+        _S.STOPPING,
     )
     TASK_DRIVE_RANGE = (
         "the positions of the drive end before the target of the task: nothing moves",
-        _S.WAITS,
-        _E.SETPOINT,
         "give a target before this end; an endless axis needs 607Bh = 0/0, or a drive that wraps at 607Bh",
     )
     AT_SOFTWARE_LIMIT = (
         "the axis is at a software limit, and its jog, setting up or endless block leads beyond it",
-        _S.WAITS,
-        _E.SETPOINT,
         "move in the other direction; the limits are the key software_limits",
     )
     SEVERE_FAULT = (
         "a severe fault is not acknowledged",
-        _S.FAULT,
-        _E.NO_FAULT,
         "remove the cause; then acknowledge (STW1.7)",
+        _E.NO_FAULT,
+        _S.FAULT,
     )
     LOCAL_MODE = (
         "the drive takes no commands from the bus: local mode (Statusword.9 = 0)",
-        _S.WAITS,
-        _E.OPERATION,
         "switch the drive to remote at its panel or in its tool",
+        _E.OPERATION,
     )
     LOCAL_TURNS = (
         "the shaft turns by the drive's panel or tool, not by the gateway: local mode (Statusword.9 = 0)",
-        _S.FAULT,
-        _E.OPERATION,
         "stop the drive at its panel or in its tool, and switch it to remote",
+        _E.OPERATION,
+        _S.FAULT,
     )
 
 

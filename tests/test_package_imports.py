@@ -125,7 +125,7 @@ BUDGET = {
     "ds301": 40510,
     "dsp402": 26822,
     "dsp406": 5670,
-    "gateway": 11863,
+    "gateway": 11415,
     "gateway.motion": 15012,
     "gateway.axis": 42821,
     "gateway.configuration": 10780,
