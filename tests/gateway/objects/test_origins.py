@@ -97,7 +97,7 @@ def test_each_stop_without_an_order_has_an_origin_with_its_author(title: str) ->
         assert daemon.axes[0].origins.present is None, "ON works again"
 
 
-_STANDS = (AxisState.WAITS, AxisState.OFF, AxisState.NOT_ON_THE_BUS)
+_STATES_AT_REST = (AxisState.WAITS, AxisState.OFF, AxisState.NOT_ON_THE_BUS)
 _WITH_STW1 = sorted(number for number in DRIVE_TELEGRAMS if number != 100)
 
 
@@ -137,7 +137,7 @@ def test_each_stop_of_a_transparent_telegram_has_an_origin_and_never_waits() -> 
             for _ in range(50):
                 run_out(plc, 20 * MS)
                 if item.turns:
-                    assert status_of(daemon).state not in _STANDS, status_of(daemon).sentence
+                    assert status_of(daemon).state not in _STATES_AT_REST, status_of(daemon).sentence
             assert item.origins.present is not None, title
             assert (item.origins.present.by, evidence in item.origins.present.evidence) == (by, True), title
 
@@ -289,7 +289,7 @@ def test_a_shaft_that_turns_never_waits_and_is_never_off(number: int, reaction: 
                 turned += item.turns
                 if item.turns:
                     state = item.enable_status.state
-                    assert state not in _STANDS, item.enable_status.sentence
+                    assert state not in _STATES_AT_REST, item.enable_status.sentence
 
         for word in STEPS:
             plc.endpoint.set(0, values | word)
