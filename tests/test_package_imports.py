@@ -129,7 +129,7 @@ BUDGET = {
     "gateway.motion": 15012,
     "gateway.axis": 42821,
     "gateway.configuration": 10780,
-    "gateway.objects": 14892,
+    "gateway.objects": 14830,
     "gateway.trace": 11109,
     "gateway.links": 15662,
     "gateway.parameters": 9976,

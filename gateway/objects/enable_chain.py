@@ -387,11 +387,7 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
             chain.breaks(missing, text, f"{origin.remedy}; {_acknowledge(axis)}")
         return
     chain.passes(Enable.ON_EDGE)
-    if reason in _AT_LIMIT:
-        chain.breaks(reason, *_limit_texts(chain, axis, reason))
-    elif (
-        reason is Reason.SETPOINT_DISABLED and isinstance(demand, SpeedDemand) and demand.speed_wish is SpeedWish.FREEZE
-    ):
+    if reason is Reason.SETPOINT_DISABLED and isinstance(demand, SpeedDemand) and demand.speed_wish is SpeedWish.FREEZE:
         chain.breaks(reason, _frozen_text(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason, *_order_texts(chain, axis, reason))
@@ -400,7 +396,7 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
 
 
 def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
-    """Evidence and remedy of an order that was refused: what it lacked, its bound and its time; then bits without effect."""
+    """Evidence and remedy of a setpoint or an order: what it lacked, its bound or limit, its time; then bits without effect."""
     executor, bits, positioner = axis.machine.executor, _NAMED.get(reason, 0), axis.config.positioner
     text, remedy = chain.texts(reason)
     if reason is Reason.SETPOINT_DISABLED and axis.machine.settings.setpoint_enable is SetpointEnable.HOLD:
@@ -416,6 +412,10 @@ def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
         remedy = f"{remedy}, with {zeros} = 1" if at_edge else remedy
     elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and positioner.software_limits:
         text = "{}: {} to {} LU".format(text, *positioner.software_limits)
+    elif reason in _AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:
+        stopped, free = ("positive", "negative") if executor.limit_side > 0 else ("negative", "positive")
+        text = f"{text}, in {stopped} direction"
+        remedy = f"the {free} direction is free: send a setpoint or a task in {free} direction"
     others = executor.ignored & ~bits
     if others and reason is Reason.REJECTED:
         remedy = f"{remedy}, and then a new edge of {_bits(others)}"
@@ -442,19 +442,6 @@ def _frozen_text(axis: Axis) -> str:
     setpoint = axis.speed_setpoint_rpm
     ignored = "" if setpoint is None else f", setpoint {setpoint:.4g} rpm not followed"
     return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}"
-
-
-def _limit_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
-    """Evidence and remedy of an axis at a limit: which one, and the direction that is free."""
-    text, remedy = chain.texts(reason)
-    side = axis.machine.executor.limit_side
-    if not side or reason is Reason.INTERNAL_LIMIT:
-        return text, remedy
-    stopped, free = ("positive", "negative") if side > 0 else ("negative", "positive")
-    return (
-        f"{text}, in {stopped} direction",
-        f"the {free} direction is free: send a setpoint or a task in {free} direction",
-    )
 
 
 def _control_word(axis: Axis) -> tuple[str, int]:
