@@ -319,7 +319,8 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     elif axis.shows_supply or commanded:
         chain.breaks(Reason.NO_SUPPLY)
     if axis.shows_remote and not statusword & StatusBit.REMOTE:
-        chain.breaks(Reason.LOCAL_TURNS if axis.turns else Reason.LOCAL_MODE)
+        own = axis.released and (machine.outputs.command.target_velocity or machine.executor.limit_side)
+        chain.breaks(Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE)
     elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.INHIBITED, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:

@@ -11,10 +11,12 @@ from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.objects.bit_effects import BIT_EFFECTS, BitEffect, bit_texts
 from pdgw.gateway.reasons import AxisState, Reason
+from pdgw.peers.drive.model.model import DriveModel
 from pdgw.profidrive.signals import signal
 from tests.support.documents.device_situations import MDI, POSITIONER
+from tests.support.documents.origin_situations import show_local
 from tests.support.documents.situations import clear_bits, in_operation, run_out
-from tests.support.gateways.daemon import axis
+from tests.support.gateways.daemon import OFF, ON, axis, drive_of
 
 _SETPOINT = [row.bit for row in BIT_EFFECTS if Reason.SETPOINT_DISABLED in row.reasons]
 _ENABLES = [row.bit for row in BIT_EFFECTS if Reason.HELD_OFF in row.reasons]
@@ -120,6 +122,31 @@ def test_a_homing_order_that_is_withdrawn_leaves_no_reason(homing_method: str) -
         plc.endpoint.set(0, {"STW1": 0x043F | jog})
         plc.exchange(20)
         assert daemon.axes[0].enable_status.state is AxisState.OBEYS
+        assert daemon.axes[0].enable_status.broken is None
+
+
+@pytest.mark.parametrize("turns", ["by the PLC", "by the panel", "off"])
+def test_local_mode_is_a_fault_only_of_a_shaft_that_the_plc_does_not_turn(turns: str) -> None:
+    def panel(model: DriveModel, _: int) -> None:
+        model.velocity_actual = 500
+
+    with in_operation() as (daemon, plc):
+        model = drive_of(daemon).model
+        plc.endpoint.set(0, {"NSOLL_A": 0x1000 if turns == "by the PLC" else 0, "STW1": OFF if turns == "off" else ON})
+        run_out(plc)
+        show_local(plc, daemon)
+        if turns != "by the PLC":
+            model.disguises.append(panel)
+        plc.exchange(5)  # before its speed contradicts its position
+        link, state = daemon.axes[0].enable_status.broken, daemon.axes[0].enable_status.state
+        assert daemon.axes[0].turns
+        assert link is not None
+        if turns != "by the PLC":
+            assert (link.reason, state) == (Reason.LOCAL_TURNS, AxisState.FAULT)
+            return
+        assert (link.reason, state) == (Reason.LOCAL_MODE, AxisState.OBEYS)
+        model.disguises.clear()
+        run_out(plc)
         assert daemon.axes[0].enable_status.broken is None
 
 
