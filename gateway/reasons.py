@@ -213,8 +213,8 @@ class Reason(enum.Enum):
         "give a target in range",
     )
     TASK_DIRECTION = (
-        "setting up needs exactly one direction (POS_STW1.9 or .10), a modulo axis at most one: nothing moves",
-        "set one of POS_STW1.9 and .10",
+        "setting up needs exactly one bit of direction, a modulo axis at most one: nothing moves",
+        "set one of POS_STW1.9 and .10 (telegram 110: MDI_MOD.1 and .2)",
     )
     UPDATE_RELATIVE = (
         "continuous update needs absolute positions: nothing changes",
