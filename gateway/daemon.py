@@ -15,6 +15,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+from pdgw import __version__
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SYNC
@@ -29,6 +30,7 @@ from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.events import EventLog
 from pdgw.gateway.links.cyclic import IDLE_NS
 from pdgw.gateway.links.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters, watch_for_writes
@@ -87,6 +89,8 @@ class Daemon:
         self.file: tuple[str, float] | None = None
         """The file of the configuration, and its time of modification when it was read."""
         self.started_ns = self.loop.now()
+        self.events = EventLog(self.loop.wall)
+        self.events.add("gateway", None, f"gateway started, version {__version__}")
         self.cycles = 0
         self.late = 0
         self._register_counters()
@@ -112,6 +116,7 @@ class Daemon:
             for bus in config.can:
                 network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name)
                 opened.callback(network.close)
+                network.log_event = partial(self.events.add, "bus", None)
                 self.networks[bus.name] = network
             self._buses = tuple(self.networks.values())
             self.encoder_nodes: list[EncoderNode] = []
@@ -131,7 +136,9 @@ class Daemon:
                 for bus in config.can:
                     self._selected().check_load(bus)
             self.link: Link = open_link()
+            self.link.log_event = partial(self.events.add, "plc", None)
             for index, item in enumerate(self.objects):
+                item.log_event = self.events.add
                 item.link_finding = partial(self.link.finding, index)
             opened.callback(self.link.close)
             self._opened = opened.pop_all()

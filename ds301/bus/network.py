@@ -113,6 +113,8 @@ class CanNetwork(Receiver):
         """A node on this bus sends or takes PDOs on SYNC."""
         self.on_other_sender: Callable[[int, str], None] | None = None
         """Called with COB-ID and name when a frame arrives that only the gateway sends."""
+        self.log_event: Callable[[str], object] = lambda _: None
+        """Called with the text when ``healthy`` changes."""
         self.syncs = 0
         """SYNC of the gateway, and of other senders that are claimed."""
         self.sync_changed: Callable[[], None] | None = None
@@ -360,7 +362,8 @@ class CanNetwork(Receiver):
     def on_frame(self, can_id: int, data: bytes) -> None:
         """A data frame with a standard identifier."""
         self.received += 1
-        self.healthy = True
+        if not self.healthy:
+            self._turn_health()
         now = self.loop.now()
         if self.tap is not None:
             self.tap(can_id, data, 0, now)
@@ -378,7 +381,8 @@ class CanNetwork(Receiver):
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
         """A frame outside CANopen, or a request to another node."""
         self.received += 1
-        self.healthy = True
+        if not self.healthy:
+            self._turn_health()
         if self.tap is not None:
             self.tap(can_id | (EXTENDED if extended else 0) | (REMOTE if remote else 0), data, 0, self.loop.now())
         if self.listeners:
@@ -459,7 +463,12 @@ class CanNetwork(Receiver):
 
     def _fail(self) -> None:
         self.failures += self.healthy
-        self.healthy = False
+        if self.healthy:
+            self._turn_health()
+
+    def _turn_health(self) -> None:
+        self.healthy = not self.healthy
+        self.log_event(f"bus {self.name}: {'healthy' if self.healthy else 'LOST'}")
 
     def _notify_listeners(
         self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False

@@ -110,6 +110,9 @@ class LinkLayout(Protocol):
 class Link(LinkState, LinkLayout, Protocol):
     """One relationship with a PLC, any number of drive objects: the cyclic exchange."""
 
+    log_event: Callable[[str], object]
+    """Called with the text when a PLC connects or is lost."""
+
     @property
     def setpoints(self) -> Sequence[Sequence[int] | None]:
         """The raw values of each drive object, None while it has no valid PLC."""
@@ -164,6 +167,7 @@ class UdpLink:
         """A connection exists, and only frames of its PLC are received."""
         self.layout_token = object()
         self.recorder: FrameRecorder | None = None
+        self.log_event: Callable[[str], object] = lambda _: None
         self._register_counters(counters)
 
     def _register_counters(self, counters: Counters) -> None:
@@ -236,6 +240,8 @@ class UdpLink:
         return taken > 0
 
     def _listen_to(self, peer: Address | None) -> None:
+        if self._filtered is (peer is None):
+            self.log_event("PLC not connected" if peer is None else f"PLC connected ({peer[0]}:{peer[1]})")
         self._filtered = peer is not None
         self.port.only_from(peer)
 

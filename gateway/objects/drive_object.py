@@ -36,7 +36,7 @@ from pdgw.gateway.objects.enable_chain import EnableStatus, untimed
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
 from pdgw.gateway.objects.origins import Origins
-from pdgw.gateway.reasons import By, FaultNumber, Finding, Reason
+from pdgw.gateway.reasons import AxisState, By, FaultNumber, Finding, Reason
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -83,6 +83,8 @@ class DriveObject(abc.ABC):
         self.origins = Origins(network.loop.now())
         self.last_setpoints: Sequence[int] | None = None
         """The last setpoints of the PLC, also after its loss."""
+        self.log_event: Callable[[str, int | None, str, int], object] = lambda *_: None
+        """``EventLog.add`` of the gateway."""
         self.link_finding: Callable[[], Finding | None] = lambda: None
         """Why the PLC's frames do not count; None if they do, or if none come."""
         self.supplied = False
@@ -97,6 +99,8 @@ class DriveObject(abc.ABC):
         """The reason logged last."""
         self._operated = False
         """Whether it was in operation then."""
+        self._logged_state: tuple[AxisState, Reason | None] | None = None
+        self._shown_status: NodeStatus | None = None
         self.happenings: deque[Happening] = deque(maxlen=KEPT)
         """Faults, warnings and reasons, the oldest first."""
         self.gateway_stops = False
@@ -247,6 +251,7 @@ class DriveObject(abc.ABC):
         self._reported_reason = outputs.reason
         enable_status = self.enable_status
         shown = None if enable_status.broken is None else enable_status.broken.reason
+        self.log_state(enable_status)
         if shown is not self._shown_reason:
             text = untimed(enable_status.text)  # a happening has its own time
             self._happened(text, stops=self._operated and shown is not None)
@@ -254,6 +259,14 @@ class DriveObject(abc.ABC):
             self._shown_reason = shown
             cause = {"event": "reason", "do": self.do_id, "reason": "" if shown is None else shown.name}
             log.info("%s: %s", self.label, enable_status.sentence, extra=cause)
+
+    def log_state(self, status: EnableStatus) -> None:
+        """Log the event of another state or reason. A cycle without news does not see all of them; the next status does."""
+        broken = status.broken
+        state = status.state, broken.reason if broken else None
+        if state != self._logged_state:
+            self._logged_state = state
+            self.log_event("reason", self.do_id, status.sentence, 0)
 
     def _report(self, events: Events) -> None:
         for record in events.faults:
@@ -298,7 +311,9 @@ class DriveObject(abc.ABC):
         self.fault_log.enter(record)
         self.origins.enter(record, _BY_LOSS[self.client.loss] if record.number in _LOSSES else None)
         kind = "warning" if record.is_warning else "fault"
-        self._happened(f"{kind} {record.number}: {record.text}", stops=not record.is_warning)
+        text = f"{kind} {record.number}: {record.text}"
+        self._happened(text, stops=not record.is_warning)
+        self.log_event(kind, self.do_id, text, int(record.number))
         log.log(
             logging.WARNING if record.is_warning else logging.ERROR,
             "%s: fault %d, code %04Xh: %s",
@@ -318,3 +333,6 @@ class DriveObject(abc.ABC):
                 notice = Notice.BUS_LOST
         text = self.client.status_text if notice in (Notice.LOST, Notice.BUS_LOST) else event.text
         self._news.append(NodeNotice(notice, text, event.time_ns, event.code, event.register, event.data))
+        if (status := self.client.status) is not self._shown_status:
+            self._shown_status = status
+            self.log_event("node", self.do_id, f"node {self.node_id}: {status.value}", 0)

@@ -10,7 +10,7 @@ from datetime import datetime
 from typing import Any
 
 from pdgw import __version__
-from pdgw.ds301.loop.loop import Event, Task, Timer
+from pdgw.ds301.loop.loop import Event, Loop, Task, Timer
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
 from pdgw.durations import MS, SECOND
@@ -48,9 +48,8 @@ def clock_time(seconds: float) -> str:
     return datetime.fromtimestamp(seconds).astimezone().isoformat(timespec="milliseconds")
 
 
-def _at(item: DriveObject, time_ns: int) -> str:
-    """A monotonic time as ``clock_time``."""
-    loop = item.client.loop
+def _shown_time(loop: Loop, time_ns: int) -> str:
+    """``clock_time`` of a monotonic time."""
     return clock_time(loop.wall() - (loop.now() - time_ns) / SECOND)
 
 
@@ -60,7 +59,7 @@ def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str,
 
 
 def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
-    record = reported.record
+    loop, record = item.client.loop, reported.record
     return {
         "id": reported.id,
         "active": reported.active,
@@ -68,14 +67,14 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
         "code": record.code,
         "text": record.text,
         "is_warning": record.is_warning,
-        "time": _at(item, record.time_ns),
-        "age_s": round((item.client.loop.now() - record.time_ns) / SECOND, 3),
+        "time": _shown_time(loop, record.time_ns),
+        "age_s": round((loop.now() - record.time_ns) / SECOND, 3),
     }
 
 
 def _origin(item: DriveObject) -> dict[str, Any] | None:
     """What began the stop of a drive object; None while it follows the PLC."""
-    origin = item.origins.present
+    loop, origin = item.client.loop, item.origins.present
     if origin is None:
         return None
     return {
@@ -84,14 +83,15 @@ def _origin(item: DriveObject) -> dict[str, Any] | None:
         "text": origin.evidence,
         "remedy": origin.remedy,
         "count": origin.count,
-        "first": _at(item, origin.first_ns),
-        "last": _at(item, origin.last_ns or origin.first_ns),
+        "first": _shown_time(loop, origin.first_ns),
+        "last": _shown_time(loop, origin.last_ns or origin.first_ns),
     }
 
 
 def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
     """The common status of axes and encoders."""
     enable_status, cause = item.enable_status, item.cause
+    item.log_state(enable_status)
     raw, chosen = item.last_setpoints, item.telegram
     setpoints, actuals = None if raw is None else chosen.setpoints.as_dict(raw), chosen.actuals.as_dict(item.actuals)
     rated = rated_speed(item)
@@ -136,6 +136,7 @@ def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
         "faults": fault_status(item, 1),
         "warning": device_warning(item),
         "fault_count": len(item.faults),
+        "active_faults": sorted({int(record.number) for record in item.fault_log.unacknowledged()}),
     }
 
 
@@ -250,7 +251,6 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
 def _head(daemon: Daemon) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
-    uptime_s = (loop.now() - daemon.started_ns) / SECOND
     received_ns, finding = daemon.link.received_ns, daemon.link.finding()
     return {
         "schema": SCHEMA,
@@ -260,8 +260,8 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         "python": interpreter(),
         "simulated": any(item.simulate for item in config.objects),
         "time": clock_time(loop.wall()),
-        "started": clock_time(loop.wall() - uptime_s),
-        "uptime_s": round(uptime_s, 3),
+        "started": _shown_time(loop, daemon.started_ns),
+        "uptime_s": round((loop.now() - daemon.started_ns) / SECOND, 3),
         "plc": {
             "type": config.transport.type,
             "cycle_ms": config.transport.cycle_time_ms,
@@ -310,27 +310,37 @@ def encoded(daemon: Daemon) -> Iterator[bytes]:
             found.append(item)
             yield (b", " if number else b"") + json.dumps(item).encode()
         yield b"]"
-    yield f', "causes": {json.dumps(causes(found))}}}\n'.encode()
+    yield f', "last_event": {daemon.events.newest}, "causes": {json.dumps(causes(found))}}}\n'.encode()
 
 
 def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, Any]]:
     """Events around the last fault or stop of drive objects, in at most ten lines."""
-    now, wall = daemon.loop.now(), daemon.loop.wall()
     found = around_the_last_stop(happening for item in items for happening in item.happenings)
     return [
-        {"time": clock_time(wall - (now - line.time_ns) / SECOND), "who": who(line.labels), "text": line.shown}
-        for line in found
+        {"time": _shown_time(daemon.loop, line.time_ns), "who": who(line.labels), "text": line.shown} for line in found
     ]
+
+
+def events_after(daemon: Daemon, number: int) -> Iterator[dict[str, Any]]:
+    """The events with a higher number, the oldest first."""
+    for event in daemon.events.after(number):
+        yield event._asdict() | {"time": clock_time(event.time)}
 
 
 def answered(daemon: Daemon, request: bytes) -> Iterator[bytes]:
     """The answer to a request, in parts.
 
-    Nothing asks for the status, ``faults DO`` for all faults of a drive object, ``explain [DO]`` for what happened last.
+    Nothing asks for the status, ``events NUMBER`` for the events after this one, ``faults DO`` for all faults of a drive object,
+    ``explain [DO]`` for what happened last.
     """
     match request.split():
         case []:
             yield from encoded(daemon)
+        case [b"events", number] if number.isdigit():
+            yield b'{"events": ['
+            for place, event in enumerate(events_after(daemon, int(number))):
+                yield (b", " if place else b"") + json.dumps(event).encode()
+            yield b"]}\n"
         case [b"explain"]:
             yield json.dumps({"lines": explanation(daemon, daemon.objects)}).encode() + b"\n"
         case [(b"faults" | b"explain") as what, number]:
@@ -344,7 +354,7 @@ def answered(daemon: Daemon, request: bytes) -> Iterator[bytes]:
             )
             yield json.dumps({"do_id": item.do_id} | document).encode() + b"\n"
         case _:
-            yield _refused("request", "allowed: an empty line, faults DO, explain, explain DO")
+            yield _refused("request", "allowed: an empty line, events NUMBER, faults DO, explain, explain DO")
 
 
 def _refused(field: str, text: str) -> bytes:

@@ -25,6 +25,11 @@ def fetch(port: int, patience_s: float = _PATIENCE_S) -> dict[str, Any]:
     return document
 
 
+def fetch_events(port: int, number: int, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
+    """The events after this number that the daemon keeps, the oldest first."""
+    return _fetch_list(port, f"events {number}", "events", patience_s)
+
+
 def fetch_faults(port: int, do_id: int, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
     """All faults and warnings of a drive object that the daemon keeps, newest first; GatewayError when there is no such one."""
     return _fetch_list(port, f"faults {do_id}", "faults", patience_s)

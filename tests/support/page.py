@@ -16,7 +16,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.status import explanation, fault_status, snapshot
+from pdgw.gateway.service.status import events_after, explanation, fault_status, snapshot
 from pdgw.tools.recording.trace_keeper import captured
 from pdgw.tools.web.app import Capture, Parameters, made_page
 from pdgw.tools.web.server.guard import Token
@@ -37,6 +37,7 @@ class ShownGateway:
         self.document: Document = {}
         self.histories: dict[int, list[Document]] = {}
         self.happened: dict[int | None, list[Document]] = {}
+        self.told: list[Document] = []
         self.failure = ""
         self.asked = 0
 
@@ -46,12 +47,19 @@ class ShownGateway:
         self.happened = {item.do_id: explanation(daemon, [item]) for item in daemon.objects}
         self.happened[None] = explanation(daemon, daemon.objects)
         self.document = json.loads(json.dumps(snapshot(daemon)))
+        self.told = list(events_after(daemon, 0))
 
     def status(self) -> Document:
         self.asked += 1
         if self.failure:
             raise GatewayError(self.failure)
         return json.loads(json.dumps(self.document))  # type: ignore[no-any-return]
+
+    def events(self, number: int) -> list[Document]:
+        if self.failure:
+            raise GatewayError(self.failure)
+        known = number if number <= self.document["last_event"] else 0
+        return [event for event in self.told if event["number"] > known]
 
     def faults(self, do_id: int) -> list[Document]:
         if self.failure:

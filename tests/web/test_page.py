@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.gateway.events import EventLog
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
@@ -25,13 +26,15 @@ from pdgw.tools.output.status_text import status_lines
 from pdgw.tools.web.app import READS_PER_S, Allowance
 from pdgw.tools.web.server.guard import HEADERS
 from pdgw.tools.web.server.server import CONNECTIONS_MAX
-from pdgw.tools.web.status.events import KEPT, EventLog
+from pdgw.tools.web.status.events import KEPT
+from pdgw.tools.web.status.events import EventLog as Lines
 from pdgw.tools.web.status.feed import Document
+from pdgw.tools.web.status.watch import Watch
 from pdgw.tools.web.stream import STREAMS_MAX
 from pdgw.tools.web.trend import Traces, usual
 from tests.support.buses import PATIENCE_S
-from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
-from tests.support.page import TOKEN, Page, ShownGateway, events_of, page, until
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, online, running
+from tests.support.page import TOKEN, Page, ShownGateway, events_of, look, page, until
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 
@@ -245,17 +248,70 @@ def test_status_of_another_version_is_ignored_and_polling_continues(turning: Tur
 
 def test_a_stream_has_the_status_and_every_event_once(turning: Turning) -> None:
     with stream(turning.page) as messages:
-        first = [next(messages) for _ in range(8)]
+        first = [next(messages) for _ in range(12)]
         kinds = {kind for kind, _, _ in first}
         assert kinds == {"event", "status"}
         turning.lose_drive()
         turning.gateway.show(turning.daemon)
         told: list[str] = []
-        while not any(text.startswith("Not on the bus: ") for text in told):
+        while not {"fault 101", "Not on the bus"} <= {text.partition(":")[0] for text in told}:
             kind, _, data = next(messages)
             told += [data["text"]] if kind == "event" else []  # type: ignore[index]
     assert any(text.startswith("fault 101: node lost") for text in told)
     assert len(told) == len(set(told))
+
+
+def test_run_between_two_answers_of_the_gateway_is_in_the_events() -> None:
+    gateway = ShownGateway()
+    with running(configuration(axis(1))) as daemon:
+        online(daemon)
+        gateway.show(daemon)
+        watch = Watch(daemon.config, gateway)
+        look(watch)
+        before = watch.log.newest
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+        plc.until(lambda: plc.value("NIST_A") == 0x1000, "the speed")
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "standstill")
+        plc.silent = True
+        plc.until(lambda: daemon.axes[0].reason is Reason.PLC_LOST, "the loss")
+        gateway.show(daemon)
+        look(watch)
+        look(watch)
+    told = [f"{event.kind} {event.text.partition(':')[0]}" for event in watch.log.after(before)]
+    assert told == [
+        "plc PLC connected (plc",
+        "reason In operation",
+        "reason Stopping",
+        "reason Off",
+        "plc PLC not connected",
+        "fault fault 103",
+        "reason Waits",
+    ]
+
+
+@pytest.mark.parametrize("clock_s", [3600, -3600])
+def test_events_of_a_restarted_gateway_are_shown_once_whatever_its_clock(clock_s: int) -> None:
+    gateway = ShownGateway()
+    with running(configuration(axis(1))) as daemon:
+        watch = Watch(daemon.config, gateway)
+        gateway.show(daemon)
+        look(watch)
+    with running(configuration(axis(1))) as daemon:
+        start = daemon.loop.wall()
+        later = EventLog(lambda: start + clock_s)
+        later.add("gateway", None, "gateway started, version 2")
+        daemon.events = later
+        gateway.show(daemon)
+        look(watch)
+        look(watch)
+        later.add("plc", None, "PLC connected")
+        gateway.show(daemon)
+        look(watch)
+    told = [(event.text, event.count) for event in watch.log.after(0)]
+    assert told[-2:] == [("gateway started, version 2", 1), ("PLC connected", 1)]
 
 
 def test_stream_continues_after_the_last_received_event(turning: Turning) -> None:
@@ -270,7 +326,7 @@ def test_stream_continues_after_the_last_received_event(turning: Turning) -> Non
 
 
 def test_event_log_drops_the_oldest_and_resumes_after_a_restart() -> None:
-    log = EventLog(5000)
+    log = Lines(5000)
     for number in range(KEPT + 10):
         log.add("t", "plc", None, str(number))
     assert [event.id for event in log.after(0)] == list(range(5010, 5010 + KEPT))
@@ -458,7 +514,7 @@ def test_trend_and_history_at_once_use_a_reader_each(turning: Turning, monkeypat
 def test_trend_that_cannot_be_read_leaves_the_status_alone(turning: Turning, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RingReader, "cycles", lambda *_: struct.unpack(">I", b""))
     with stream(turning.page, "?trace=1") as messages:
-        found = [next(messages) for _ in range(20)]
+        found = [next(messages) for _ in range(40)]
         assert sum(kind == "status" for kind, _, _ in found) > 5
         error = next(data for kind, _, data in found if kind == "trace")
         assert error == {"do_id": 1, "error": "unpack requires a buffer of 4 bytes"}

@@ -54,17 +54,19 @@ class GatewayCollector(Collector):
         yield from _plc(document)
         yield from _objects(document)
         yield from _acyclic(document)
-        yield from self._faults()
+        yield from self._faults(document)
         yield from self._buses(document)
 
-    def _faults(self) -> Iterator[Metric]:
-        counts = CounterMetricFamily("pdgw_faults", "Faults since this process started.", labels=["do", "number"])
+    def _faults(self, document: Document) -> Iterator[Metric]:
+        counts = CounterMetricFamily(
+            "pdgw_faults", "Faults since this process or the gateway started.", labels=["do", "number"]
+        )
         for (do_id, number), count in sorted(self._watch.fault_counts.items()):
             counts.add_metric([str(do_id), str(number)], count)
         active = GaugeMetricFamily("pdgw_fault_active", "Not acknowledged.", labels=["do", "number"])
-        for do_id, numbers in sorted(self._watch.active_faults.items()):
-            for number in sorted(numbers):
-                active.add_metric([str(do_id), str(number)], 1)
+        for item in (*document["axes"], *document["encoders"]):
+            for number in item["active_faults"]:
+                active.add_metric([str(item["do_id"]), str(number)], 1)
         yield from (counts, active)
 
     def _buses(self, document: Document) -> Iterator[Metric]:

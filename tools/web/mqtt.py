@@ -98,7 +98,7 @@ class Publisher:
         self._watch = watch
         self._base = f"{config.topic}/{topic_name(watch.config)}"
         self._published: dict[str, str] = {}
-        self._last_event = 0
+        self._last_event: int | None = None
         self._reconnected = threading.Event()
         self._ready = threading.Event()
         self._client = made_client(config, f"pdgw-{uuid.uuid4().hex[:16]}")
@@ -134,6 +134,8 @@ class Publisher:
 
     def publish_changes(self) -> None:
         """After a tick of the feed: whatever changed."""
+        if self._last_event is None:
+            self._last_event = self._watch.log.newest  # what happened before this process is not published again
         if not self.connected:
             return
         if self._reconnected.is_set():

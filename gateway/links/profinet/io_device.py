@@ -135,6 +135,7 @@ class ProfinetLink:
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
         self.layout_token = object()
         self.recorder: FrameRecorder | None = None
+        self.log_event: Callable[[str], object] = lambda _: None
         self.watchdog_expiries = 0
         self._end = self._owner = ""
         """Reason of the end of the newest relationship with data exchange, and the address of its controller."""
@@ -544,9 +545,9 @@ class ProfinetLink:
                 self._held_up_ns = cycles * max(int(transport.cycle_time_ms * MS), consumer.cycle_ns)
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
-                log.info(
-                    "controller %s %s connected, cycle %g ms", relation.plan.ar.station_name, relation.source[0], cycle
-                )
+                text = f"controller {relation.plan.ar.station_name} {relation.source[0]} connected, cycle {cycle:g} ms"
+                log.info("%s", text)
+                self.log_event(f"PLC connected: {text}")
                 if cycle < transport.cycle_time_ms:
                     log.warning(
                         "the controller's cycle time is shorter than cycle_time_ms = %g", transport.cycle_time_ms
@@ -556,7 +557,9 @@ class ProfinetLink:
             case Disconnected(relation, ended):
                 if relation is self._placed_for:
                     self._placed_for = self._places = None
-                log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
+                text = f"controller {relation.plan.ar.station_name} disconnected: {ended.text}"
+                log.error("%s", text)
+                self.log_event(f"PLC not connected: {text}")
                 self._end, self._owner = f"the relationship has ended: {ended.text}", relation.source[0]
                 self._keeper.forget_refused()
                 self._release()

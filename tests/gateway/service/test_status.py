@@ -7,6 +7,7 @@ import json
 import re
 import socket
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -297,6 +298,33 @@ CAN = '[can]\ninterface = "virtual"\nchannel = "assembly"\n'
 def text(status_port: int, directory: Path, acyclic_port: int = 0) -> str:
     transport = f"[transport]\ncyclic_port = 0\nacyclic_port = {acyclic_port}\nstatus_port = {status_port}\n"
     return f'{CAN}{transport}[trace]\ndirectory = "{directory}"\n{axis(1, more="")}'
+
+
+def test_status_port_gives_the_events_after_a_number() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        first = daemon.events.newest
+        drive_of(daemon).inject(7)
+        plc.until(lambda: broken(daemon) is Reason.DRIVE_FAULT and daemon.axes[0].faults, "the fault")
+        world_of(daemon).unplug("world")
+        plc.until(lambda: not daemon.networks["can"].healthy, "the bus")
+        world_of(daemon).unplug("world", False)
+        plc.until(lambda: daemon.networks["can"].healthy, "the bus again")
+
+        def events(request: str) -> list[dict[str, Any]]:
+            return json.loads(b"".join(answered(daemon, request.encode())))["events"]  # type: ignore[no-any-return]
+
+        found = events(f"events {first}")
+        assert [event["number"] for event in found] == list(range(first + 1, daemon.events.newest + 1))
+        assert snapshot(daemon)["last_event"] == daemon.events.newest
+        assert snapshot(daemon)["axes"][0]["active_faults"][0] == 7
+        (fault,) = [event for event in found if event["fault"] == 7]
+        assert (fault["kind"], fault["do_id"]) == ("fault", 1)
+        assert fault["text"].startswith("fault 7: ")
+        assert [event["text"] for event in found if event["kind"] == "bus"] == ["bus can: LOST", "bus can: healthy"]
+        assert events(f"events {daemon.events.newest}") == []
+        assert events("events 0") == events(f"events {daemon.events.newest + 1}"), "the clock was set back"
 
 
 def test_a_library_user_gets_parameters_status_and_flight_recorder(tmp_path: Path) -> None:

@@ -218,7 +218,7 @@ def shown(daemon: Daemon) -> Shown:
     look(watch)
     document = snapshot(daemon)
     item = (*document["axes"], *document["encoders"])[0]
-    (event,) = [event.text for event in watch.log.after(0) if event.kind == "reason" and event.do_id == item["do_id"]]
+    event = [event.text for event in watch.log.after(0) if event.kind == "reason" and event.do_id == item["do_id"]][-1]
     text = " ".join(object_lines(document, item["do_id"], 400))
     if document["causes"]:
         assert cause_sentence(document["causes"][0]).endswith(item["sentence"].partition(": ")[2])

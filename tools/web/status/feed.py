@@ -32,7 +32,7 @@ class Feed:
     def __init__(
         self,
         ask: Callable[[], Awaitable[Document]],
-        on_document: Callable[[Document | None, Document], Awaitable[None]],
+        on_document: Callable[[Document], Awaitable[None]],
     ) -> None:
         self._ask = ask
         self._on_document = on_document
@@ -69,7 +69,7 @@ class Feed:
         try:
             async with asyncio.timeout(ANSWER_WITHIN_S):
                 document = await self._ask()
-                await self._on_document(self.document, document)
+                await self._on_document(document)
         except (GatewayError, TimeoutError) as error:
             self.failure = str(error) or "no answer in time"
             self.stale = True

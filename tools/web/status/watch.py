@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import time
 from collections import Counter
@@ -13,9 +12,8 @@ from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, frame_bits
 from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.status_client import fetch, fetch_explanation, fetch_faults
-from pdgw.tools.web.status.events import EventLog, changed_faults
+from pdgw.gateway.service.status_client import fetch, fetch_events, fetch_explanation, fetch_faults
+from pdgw.tools.web.status.events import EventLog
 from pdgw.tools.web.status.feed import ANSWER_WITHIN_S, Document, Feed
 
 log = logging.getLogger("gateway")
@@ -73,6 +71,9 @@ class Gateway(Protocol):
     def status(self) -> Document:
         """``gateway.service.status.snapshot``."""
 
+    def events(self, number: int) -> list[Document]:
+        """Its events after this number, the oldest first."""
+
     def faults(self, do_id: int) -> list[Document]:
         """All its faults of a drive object."""
 
@@ -89,6 +90,9 @@ class StatusPort:
     def status(self) -> Document:
         return fetch(self._port, ANSWER_WITHIN_S)
 
+    def events(self, number: int) -> list[Document]:
+        return fetch_events(self._port, number, ANSWER_WITHIN_S)
+
     def faults(self, do_id: int) -> list[Document]:
         return fetch_faults(self._port, do_id, ANSWER_WITHIN_S)
 
@@ -104,42 +108,23 @@ class Watch:
         self.log = EventLog(int(time.time() * MS_PER_SECOND))
         self.loads = BusLoads(config)
         self.fault_counts: Counter[tuple[int, int]] = Counter()
-        """Faults by DO-ID and number, since this process began."""
-        self.active_faults: dict[int, set[int]] = {}
-        """Numbers of those that are not acknowledged, by DO-ID."""
+        """Faults by DO-ID and number, of the events since this process began and of those that the gateway had then."""
+        self._last_event = 0
         self._gateway = gateway
         self.feed = Feed(lambda: asyncio.to_thread(gateway.status), self._take)
 
-    async def _take(self, before: Document | None, document: Document) -> None:
-        # Do everything that can fail first, so that nothing is entered twice.
-        histories = {
-            do_id: (last, await self._history(do_id, document)) for do_id, last in changed_faults(before, document)
-        }
-        for do_id, (last, faults) in histories.items():
-            for fault in faults:
-                if fault["id"] <= last:
-                    continue
-                self.log.add_fault(do_id, fault)
-                if not fault["is_warning"]:
-                    self.fault_counts[do_id, fault["number"]] += 1
-            self.active_faults[do_id] = {
-                fault["number"] for fault in faults if fault["active"] and not fault["is_warning"]
-            }
-        self.log.take(before, document)
+    async def _take(self, document: Document) -> None:
+        if document["last_event"] != self._last_event:
+            # Also those after the status, which the next one finds entered.
+            for event in await asyncio.to_thread(self._gateway.events, self._last_event):
+                self._last_event = event["number"]
+                self.log.add(event["time"], event["kind"], event["do_id"], event["text"])
+                if event["kind"] == "fault":
+                    self.fault_counts[event["do_id"], event["fault"]] += 1
         self.loads.take(document)
         for bus in document["buses"]:
             bus["load_planned"] = self.loads.planned.get(bus["name"])
             bus["load_measured"] = self.loads.measured.get(bus["name"])
-
-    async def _history(self, do_id: int, document: Document) -> list[Document]:
-        """The faults of a drive object, the oldest first."""
-        known: list[Document] = []
-        with contextlib.suppress(GatewayError):
-            known = await self.faults(do_id)
-        if not known:  # the gateway has just ended: keep the last known status
-            objects = (*document["axes"], *document["encoders"])
-            known = next(item["faults"] for item in objects if item["do_id"] == do_id)
-        return sorted(known, key=lambda fault: fault["id"])
 
     async def faults(self, do_id: int) -> list[Document]:
         """The history of a drive object, newest first; GatewayError when the gateway does not answer."""
