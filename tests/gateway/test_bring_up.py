@@ -15,6 +15,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
 from pdgw.peers.world import Member, World
@@ -304,7 +305,25 @@ def test_fault_without_emcy_is_reported_although_its_number_cannot_be_read(monke
         drive.do(lambda node: node.start_fault("drive-fault", number=10))
         plc.until(lambda: plc.value("ZSW1") & 1 << 3, "fault in ZSW1")
         plc.until(lambda: daemon.axes[0].faults, "fault in P947")
-        assert "shows a fault without an EMCY" in daemon.axes[0].faults[0].text
+        assert daemon.axes[0].faults[0].text.endswith("shows a fault (no EMCY)")
+
+
+def test_fault_of_before_the_start_says_that_its_time_is_not_its_own() -> None:
+    with running(configuration(axis(1)), lambda daemon: drive_of(daemon).inject(7)) as daemon:
+        until(daemon, lambda: daemon.axes[0].faults, "the fault")
+        (fault,) = snapshot(daemon)["axes"][0]["faults"]
+        assert fault["text"] == "fault 7 over-current (older than the connection)"
+        drive_of(daemon).clear()
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.exchange(5)
+        plc.endpoint.set(0, {"STW1": OFF | 0x80})
+        plc.until(lambda: daemon.axes[0].fault_log.acknowledged, "acknowledged")
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.exchange(100)
+        drive_of(daemon).inject(8)
+        plc.until(lambda: not daemon.axes[0].fault_log.acknowledged, "another fault")
+        assert "connection" not in daemon.axes[0].faults[-1].text
 
 
 def test_drive_that_answers_late_is_lost_once() -> None:

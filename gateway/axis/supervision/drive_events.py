@@ -290,6 +290,8 @@ class DriveWatch:
         """When the drive showed a fault, left operation by itself or was lost in it, while its EMCY may still come; else 0."""
         self.fault_began = 0
         """When the Statusword showed a fault last."""
+        self._unannounced = "no EMCY"
+        """Why that fault has no EMCY."""
         self.shown = 0
         """The Statusword bits of the state as they were last, 0 without a drive."""
 
@@ -302,10 +304,11 @@ class DriveWatch:
     ) -> None:
         """``shown``: the bits of the state, ``commanded``: the Controlword that the drive had."""
         state, previous = STATE_OF_STATUS[shown], STATE_OF_STATUS[self.shown]
-        self.shown = shown
         begins = state is not previous and state in _PROOF and previous not in FAULTY
         if state in FAULTY and previous not in FAULTY:
             self.fault_began = now
+            self._unannounced = "no EMCY" if self.shown else "older than the connection"
+        self.shown = shown
         if state is None and previous is not None:
             self._report_once(FaultNumber.STATE_UNKNOWN, f"Statusword {statusword:04X}h", now)
         elif previous is State.OPERATION_ENABLED and commanded & _COMMAND == _COMMAND:
@@ -342,10 +345,10 @@ class DriveWatch:
         # 0 means an empty entry in P945
         code = read.code or (0 if named is None else named.error_code) or GENERIC_ERROR
         if named is not None:
-            text = f"fault {read.number} {named.name} (no EMCY)"
+            text = f"fault {read.number} {named.name} ({self._unannounced})"
         elif read.code:
-            text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, no EMCY)"
+            text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, {self._unannounced})"
         else:
-            text = f"Statusword {feedback.statusword:04X}h shows a fault without an EMCY"
+            text = f"Statusword {feedback.statusword:04X}h shows a fault ({self._unannounced})"
         bare = named is None and not read.code
         self._outputs.fault(FaultRecord(read.number or INTERNAL_FAULT, code, 0, text, now, is_bare=bare))

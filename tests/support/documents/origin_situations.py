@@ -217,7 +217,7 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
     "the drive leaves Operational by itself after an EMCY": Situation(
         begin=both(leave_operational, find),
         says=("node lost", "left Operational by itself after EMCY FF01h"),
-        lacks=("Check power", "without an EMCY"),
+        lacks=("Check power", "no EMCY"),
         health=Health.WARNING,
         cure=both(online, acknowledge),
     ),
