@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import errno
 import json
+import re
 import socket
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import cast
@@ -13,6 +15,8 @@ from unittest.mock import Mock
 
 import pytest
 
+from pdgw.dsp406.device import eds_path
+from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
@@ -32,7 +36,7 @@ from pdgw.tools.client.session import Element, Session, full_name, meaning
 from pdgw.tools.client.udp import ParameterClient, read_identification
 from pdgw.tools.command_table import EXAMPLES
 from tests.support.cli import pdgw
-from tests.support.gateways.daemon import axis, configuration, reached, serving, until
+from tests.support.gateways.daemon import axis, configuration, encoder_of, reached, serving, until
 
 
 @pytest.mark.parametrize(
@@ -394,3 +398,25 @@ simulate = true
     assert "Position value" in text
     assert "revolutions" in text
     assert "Drive" not in text, "6502h of a drive is another object"
+
+
+def test_fields_of_650ah_have_their_names_in_the_layout_of_the_profile_too(tmp_path: Path) -> None:
+    head, _, rest = eds_path(ROTARY).read_text().partition("[650Asub0]")
+    fields = rest.partition("[650Asub1]")[2].replace("[650Asub2]", "[650Asub1]").replace("[650Asub3]", "[650Asub2]")
+    sheet = tmp_path / "printed.eds"
+    sheet.write_text(f"{head.replace('SubNumber=4', 'SubNumber=3')}[650Asub0]{fields}")
+    found = {}
+    for title, eds in (("usual", ""), ("printed", f'eds = "{sheet}"\n')):
+        table = f"{axis(1)}[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n{eds}"
+        with serving(configuration(table)) as (daemon, client), reached(daemon):
+            node = encoder_of(daemon).node
+            if eds:
+                for sub, entry in enumerate([node.entries.pop((0x650A, sub)) for sub in range(4)][1:]):
+                    node.entries[0x650A, sub] = replace(entry, subindex=sub)
+                    node.values[0x650A, sub] = -300 * (sub + 1)
+            where = f"127.0.0.1:{client.address[1]}"
+            text = pdgw("param", "read", "650Ah", "--do", "2", "--gateway", where).stdout
+            parts = text.split("650Ah.")[1:]
+            found[title] = [" ".join(re.findall("UNSIGNED8|offset|minimum|maximum|-\\d+", part)) for part in parts]
+    assert found["usual"] == ["UNSIGNED8", "offset", "minimum", "maximum"]
+    assert found["printed"] == ["-300 offset", "-600 minimum", "-900 maximum"]

@@ -420,6 +420,9 @@ def test_parameters_are_read_and_events_filtered_on_request_and_texts_of_devices
     ]
     shown.gateway.document["axes"][0]["reason"] = script
     shown.gateway.histories[1] = shown.gateway.document["axes"][0]["faults"]
+    newest = shown.gateway.told[-1]
+    shown.gateway.told.append(newest | {"number": newest["number"] + 1, "kind": "fault", "do_id": 1, "text": script})
+    shown.gateway.document["last_event"] += 1
     for view in ("axes", "axis/1", "events"):
         shown.go(shown.tab, f"#/{view}")
         reads(shown.tab, "#main", script)

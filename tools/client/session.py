@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 from pdgw.ds301.communication import IDENTITY
@@ -12,7 +12,7 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp402.identification.overlay import all_families, entries_of, families_of, with_units
 from pdgw.dsp402.objects import DRIVE_OBJECTS, STATUSWORD, known_objects
 from pdgw.dsp402.states import state_of
-from pdgw.dsp406.objects import PROFILE
+from pdgw.dsp406.objects import MODULE_IDENTIFICATION, PROFILE
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
@@ -149,8 +149,15 @@ class Session:
         row = _ENCODER_OBJECTS.get(pnu)
         if row is None:
             return "", ""
-        field = row.fields[subindex - 1] if 0 < subindex <= len(row.fields) else ""
+        number = subindex - (self._first_field if pnu == MODULE_IDENTIFICATION else 1)
+        field = row.fields[number] if 0 <= number < len(row.fields) else ""
         return f"{row.name} {field}".strip(), row.unit
+
+    @cached_property
+    def _first_field(self) -> int:
+        """The sub-index of the first field of 650Ah: 1, or 0 of a device that has them as the profile prints them."""
+        (last,) = self.read_first([Target(MODULE_IDENTIFICATION, 3)])
+        return int(last.error != ParameterErrorNumber.FAULTY_SUBINDEX)
 
     def _request(
         self,

@@ -83,9 +83,9 @@ DEVIATIONS: Final = (
         PROFILE,
         "8",
         "650Ah counts its fields from sub-index 0",
-        "sub-indices 1 to 3",
+        "sub-indices 1 to 3. The fields of an encoder that has them from 0, with its own EDS, have their names in `pdgw param`",
         "CiA 301 keeps sub-index 0 for their number",
-        "tests/dsp406/test_profile.py::test_values_of_the_diagnostics",
+        "tests/tools/test_param.py::test_fields_of_650ah_have_their_names_in_the_layout_of_the_profile_too",
     ),
     Deviation(
         PROFILE,
