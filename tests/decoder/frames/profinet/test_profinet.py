@@ -313,20 +313,18 @@ def test_a_connect_without_its_answer_has_no_addresses_and_one_without_cyclic_da
     assert connection.answered(b"").device_mac is None
 
 
-@pytest.mark.parametrize("code", range(1, 46))
-def test_each_code_of_an_alarm_err_has_words_of_its_own(code: int) -> None:
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_codes_of_an_alarm_err_with_words_are_those_that_tshark_names(tmp_path: Path) -> None:
     assert len(set(ABORT_TEXTS)) >= 44
-    text = _abort_text(PnioStatus(0xCF, 0x81, 0xFD, code))
-    assert text.endswith(f" (CF 81 FD {code:02X})")
-    assert not text.startswith("error (")
-
-
-def test_unknown_code_of_an_alarm_err_is_shown_as_bytes() -> None:
-    assert [_abort_text(PnioStatus(0xCF, 0x81, 0xFD, code)) for code in (0, 46, 255)] == [
-        "error (CF 81 FD 00)",
-        "error (CF 81 FD 2E)",
-        "error (CF 81 FD FF)",
-    ]
+    head = bytes.fromhex("020000000002 020000000001 8892 fe01 0001 0001 1400 ffff fffe 0004")
+    errors = [head + bytes((0xCF, 0x81, 0xFD, code)) + bytes(28) for code in range(256)]
+    rows = tshark_frames.read(errors, tmp_path / "errors.pcap", ["_ws.col.Info"])
+    for code, row in enumerate(rows):
+        text = _abort_text(PnioStatus(0xCF, 0x81, 0xFD, code))
+        assert text.endswith(f"(CF 81 FD {code:02X})")
+        known = not row["_ws.col.Info"].endswith(('"reserved"', f'"({code:#04x})"'))
+        assert text.startswith("error (") is not known, row
 
 
 @pytest.mark.parametrize(
