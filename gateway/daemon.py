@@ -102,6 +102,8 @@ class Daemon:
         self._stop_asked = False
         self._stopping = False
         self._off_cycles = 0
+        self._together = False
+        """Frames of the buses wait for the next cycle."""
         self._written_back: list[tuple[Axis, Future[None]]] | None = None
         """At the end: what writes the drives' own values back."""
         self._stop_until = 0
@@ -442,9 +444,18 @@ class Daemon:
 
     def _on_link(self) -> None:
         """A frame of the PLC waits: answer the first one before anything else, then use the newest."""
+        if self._together:
+            self._take(together=True)
         self._on_received(self.link.receive(now := self.loop.now(), 1), now)
         if self.link.more:
             self._on_received(self.link.receive(now := self.loop.now()), now)
+
+    def _take(self, *, together: bool) -> None:
+        """Receive the frames of the buses that have waited: before the PLC's frame if it waits, too; else after it."""
+        if self.link.takes_together is together:
+            now = self.loop.now()
+            for network in self._buses:
+                network.take(now)
 
     def _on_received(self, accepted: bool, now: int) -> None:
         if accepted:
@@ -452,6 +463,8 @@ class Daemon:
 
     def _on_due(self) -> None:
         """A cycle without a frame, unless one waits: frames postpone it."""
+        if self._together:
+            self._take(together=True)
         now = self.loop.now()
         if now - self._deadline > self.cycle_ns // 2:
             self.late += 1
@@ -473,6 +486,8 @@ class Daemon:
 
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
+        if self._together:
+            self._take(together=False)
         # A gateway that stops needs no PLC any more.
         if (loss := link.poll(now)) and not self._stopping:
             log.error("PLC lost: %s", loss, extra={"event": "plc"})
@@ -519,6 +534,10 @@ class Daemon:
             due.postpone(self._deadline)
         for network in self._buses:
             network.check_before(expected)
+        if (together := link.takes_together) or self._together:
+            self._together = together
+            for network in self._buses:
+                network.listen(now, on=not together)
         self.loop.pace(expected)
         if self._stopping:
             self._await_power_off(now)

@@ -18,7 +18,7 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
-from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC, NmtState
+from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC, NmtState
 from pdgw.ds301.loop.jobs import Turns
 from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import MS
@@ -48,6 +48,9 @@ _FUNCTION: Final = 0x780
 """The part of a COB-ID that names the service."""
 UNUSED: Final = 0
 """Instead of a node-ID."""
+_TO_REQUEST: Final = SDO_REQUEST - SDO_RESPONSE
+_OPEN_NS: Final = 1_000 * MS
+"""An SDO request is open for this time at most."""
 _CHECK_NS: Final = 20 * MS
 _EARLY_NS: Final = MS
 """Actions due this soon after a cycle start with the cycle before, so that their order does not depend on chance."""
@@ -73,6 +76,12 @@ class CanNetwork(Receiver):
         self._sdo_next = 0
         self._sdo_frames: deque[tuple[int, bytes]] = deque()
         self._sdo_due: Timer | None = None
+        self._asked: set[int] = set()
+        """The COB-IDs of SDO requests that are not answered,"""
+        self._asked_until = 0
+        """before this time."""
+        self._listens = True
+        """The port delivers frames when they arrive; False: they wait for ``take``."""
         self.sent = 0
         self.received = 0
         self.send_errors = 0
@@ -225,10 +234,24 @@ class CanNetwork(Receiver):
 
     def _check_nodes(self) -> None:
         now, timer, self._check_timer = self.loop.now(), self._check_timer, None
+        self.take(now)
         for look in self._watchers:
             look(now)
         if self._watchers and timer is not None:
             self._check_timer = self.loop.call_at(max(now, timer.when) + _CHECK_NS, self._check_nodes)
+
+    def listen(self, now: int, *, on: bool) -> None:
+        """Whether frames are received when they arrive (the beginning), or may wait for ``take``: not while an SDO is open."""
+        if self._asked and now < self._asked_until:
+            on = True
+        if on is not self._listens and self._port is not None:
+            self._listens = on
+            self._port.listen(on=on)
+
+    def take(self, now: int) -> None:
+        """Receive the frames that have waited."""
+        if not self._listens and self._port is not None:
+            self._port.take(now)
 
     def send(self, cob_id: int, data: bytes) -> bool:
         """Send a frame, or queue it until the interface has room; True if the interface accepted it at once.
@@ -260,6 +283,14 @@ class CanNetwork(Receiver):
         """
         self._sdo_gap = sdo_gap_ns
         self.bring_ups.limit = max(1, answer_ns // _QUARTER // sdo_gap_ns)
+
+    def request_sdo(self, node_id: int, data: bytes, *, first: bool) -> None:
+        """Send a request, and receive its answer when it arrives. ``first``: as ``send_first``, else as ``send_acyclic``."""
+        cob_id, now = SDO_REQUEST + node_id, self.loop.now()
+        self._asked.add(cob_id)
+        self._asked_until = now + _OPEN_NS
+        self.listen(now, on=True)
+        (self.send_first if first else self.send_acyclic)(cob_id, data)
 
     def send_acyclic(self, cob_id: int, data: bytes) -> None:
         """As ``send``; SDO requests in their gap."""
@@ -359,12 +390,11 @@ class CanNetwork(Receiver):
 
     # -- events of the port ---------------------------------------------------------------------------------------------
 
-    def on_frame(self, can_id: int, data: bytes) -> None:
+    def on_frame(self, can_id: int, data: bytes, now: int) -> None:
         """A data frame with a standard identifier."""
         self.received += 1
         if not self.healthy:
             self._turn_health()
-        now = self.loop.now()
         if self.tap is not None:
             self.tap(can_id, data, 0, now)
         if self.listeners:
@@ -375,6 +405,7 @@ class CanNetwork(Receiver):
             return
         if can_id > ERROR_CONTROL and can_id & _FUNCTION == ERROR_CONTROL:
             self.nodes_seen.add(can_id - ERROR_CONTROL)
+        self._asked.discard(can_id + _TO_REQUEST)
         for receive in self._subscribers.get(can_id, ()):
             receive(data, now)
 
@@ -412,7 +443,7 @@ class CanNetwork(Receiver):
 
     def on_lost(self, text: str) -> None:
         """The interface is lost: report it, and open it again when it is back."""
-        self._port = None
+        self._port, self._listens = None, True
         for queue in (self._send_queue, self._first_frames, self._frames):
             queue.clear()
         self._drop_sdo()

@@ -28,12 +28,15 @@ from pdgw.ds301.bus.can_frame import (
     REMOTE,
 )
 from pdgw.ds301.bus.interfaces import system_text
+from pdgw.ds301.loop.arrivals import ANCILLARY, Arrivals
 from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import US
 
 _pack_frame, _unpack_frame, _FRAME_SIZE = CAN_FRAME.pack, CAN_FRAME.unpack, CAN_FRAME.size
 _AT_ONCE: Final = 64
 """Frames taken in one turn of the loop: a flood on one bus must not keep the others waiting."""
+_WAITING: Final = 256
+"""Frames taken in one cycle: more than a bus has in its time."""
 _RECEIVE_TIMEOUT_S: Final = 0.2
 _SEND_QUEUE: Final = 16
 """Frames that may wait for a slow driver. A stop waits for them."""
@@ -67,8 +70,8 @@ class PortLostError(Exception):
 class Receiver(Protocol):
     """Receiver of a port's events, on the loop's thread."""
 
-    def on_frame(self, can_id: int, data: bytes) -> None:
-        """A data frame with a standard identifier."""
+    def on_frame(self, can_id: int, data: bytes, now: int) -> None:
+        """A data frame with a standard identifier. ``now``: when it arrived, in monotonic nanoseconds."""
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
         """A frame with an extended identifier, or a remote frame."""
@@ -86,10 +89,10 @@ class Receiver(Protocol):
         """The interface does not work any more: the port is closed, another one has to be opened."""
 
 
-def deliver(receiver: Receiver, can_id: int, data: bytes) -> None:
-    """A frame whose identifier has the flags of ``can_frame``."""
+def deliver(receiver: Receiver, can_id: int, data: bytes, now: int) -> None:
+    """A frame that arrived at ``now``, whose identifier has the flags of ``can_frame``."""
     if not can_id & _FLAGS:
-        receiver.on_frame(can_id, data)
+        receiver.on_frame(can_id, data, now)
     elif can_id & ERROR:
         passive = bool(can_id & ERROR_CONTROLLER and len(data) > 1 and data[1] & _PASSIVE)
         receiver.on_error_frame(bus_off=bool(can_id & ERROR_BUS_OFF), passive=passive)
@@ -110,6 +113,12 @@ class CanPort(Protocol):
 
         With ``REMOTE`` in the identifier it is a request of as many bytes as ``data`` has.
         """
+
+    def listen(self, *, on: bool) -> None:
+        """Whether a frame is delivered when it arrives (the beginning), or waits for ``take`` if the port can do this."""
+
+    def take(self, now: int) -> None:
+        """Deliver the frames that have waited until ``now``, with their times of arrival."""
 
     def drop(self) -> None:
         """Forget the frames that have not gone out, where the interface can: what they say is not true any more."""
@@ -135,6 +144,7 @@ class SocketPort(CanPort):
         if self._socket.family == _AF_CAN:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALLEST_BUFFER)
         self._receiver: Receiver | None = None
+        self._arrivals = Arrivals(loop)
         self._closed = False
         self._room_due: Timer | None = None
 
@@ -173,11 +183,34 @@ class SocketPort(CanPort):
         except OSError as error:
             self._lost(system_text(error, self._channel))
             return
+        self._deliver(frame, self._loop.now())
+
+    def listen(self, *, on: bool) -> None:
+        if on:
+            self._loop.add_reader(self._socket.fileno(), self._read)
+        else:
+            self._loop.remove_reader(self._socket.fileno())
+
+    def take(self, now: int) -> None:
+        for _ in range(_WAITING):
+            if self._closed:
+                return
+            try:
+                frame, ancillary, _, _ = self._socket.recvmsg(FD_FRAME_SIZE, ANCILLARY)
+            except BlockingIOError:
+                self._arrivals.end(now)
+                return
+            except OSError as error:
+                self._lost(system_text(error, self._channel))
+                return
+            self._deliver(frame, self._arrivals.time(ancillary, now) or now)
+
+    def _deliver(self, frame: bytes, now: int) -> None:
         receiver = self._receiver
         # An interface with fd = true also delivers CAN FD frames, which CANopen does not use.
         if len(frame) == _FRAME_SIZE and receiver is not None:
             can_id, length, data = _unpack_frame(frame)
-            deliver(receiver, can_id, data if length >= 8 else data[:length])
+            deliver(receiver, can_id, data if length >= 8 else data[:length], now)
 
     def _lost(self, text: str) -> None:
         receiver = self._receiver
@@ -230,6 +263,12 @@ class DriverPort(CanPort):
             if self._sending.qsize() <= _ROOM:  # the writer was faster and does not check again
                 self._loop.call_threadsafe(self._has_room)
             raise PortBusyError from error
+
+    def listen(self, *, on: bool) -> None:
+        """Not possible: its thread does not know when a frame arrived."""
+
+    def take(self, now: int) -> None:
+        """No frame waits."""
 
     def drop(self) -> None:
         self._drops += 1
@@ -347,7 +386,7 @@ class DriverPort(CanPort):
                 remote=message.is_remote_frame,
             )
         else:
-            receiver.on_frame(message.arbitration_id, bytes(message.data))
+            receiver.on_frame(message.arbitration_id, bytes(message.data), self._loop.now())
 
     def _state(self) -> can.BusState:
         try:

@@ -13,7 +13,7 @@ import canopen
 
 from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, SdoCommunicationError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.communication import SDO_RESPONSE
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.doubles import Doubles
 from pdgw.ds301.objects import CanType
@@ -252,10 +252,9 @@ class SdoAccess:
         self._send([transfer.request], first=first)
 
     def _send(self, frames: list[bytes], *, first: bool = False) -> None:
-        send = self._network.send_first if first else self._network.send_acyclic
         for frame in frames:
             self.doubles.requested(frame)
-            send(SDO_REQUEST + self._node_id, frame)
+            self._network.request_sdo(self._node_id, frame, first=first)
 
     def _receive(self, frame: bytes, now: int) -> None:
         """A frame of the node."""

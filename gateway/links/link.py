@@ -121,6 +121,10 @@ class Link(LinkState, LinkLayout, Protocol):
     def more(self) -> bool:
         """Whether more data may wait after the last ``receive``."""
 
+    @property
+    def takes_together(self) -> bool:
+        """The PLC's next frame is read at a known time, so soon that frames of the buses can wait for it."""
+
     def start(self, action: Callable[[], None]) -> None:
         """Call ``action`` in the loop whenever something of the PLC waits."""
 
@@ -145,6 +149,8 @@ class Link(LinkState, LinkLayout, Protocol):
 
 class UdpLink:
     """Cyclic frames over UDP. ``tick_offset``: a random number, another one with each start (``NewFrames``)."""
+
+    takes_together = False
 
     def __init__(
         self,

@@ -7,12 +7,11 @@ import ipaddress
 import socket
 import struct
 import sys
-import time
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from pdgw.ds301.loop.arrivals import ANCILLARY, SO_TIMESTAMPNS, Arrivals
 from pdgw.ds301.loop.loop import Loop
-from pdgw.durations import SECOND
 from pdgw.gateway.ports import bound
 
 # Filters in the kernel (classic BPF, Linux), so that frames for others cost the exchange nothing.
@@ -72,19 +71,6 @@ def from_sender(host: str, port: int) -> list[Instruction]:
 
 Address = tuple[str, int]
 _MAXIMUM_DATAGRAM: Final = 2048
-SO_TIMESTAMPNS: Final = 35
-"""Option of Linux; Python has no name for it before 3.14."""
-_TIMESPEC: Final = struct.Struct("@ll")
-_ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
-
-
-def arrival(stamp: int, wall: int, now: int, earliest: int) -> int:
-    """Monotonic arrival time of a datagram that the kernel stamped with the wall clock; all in nanoseconds.
-
-    ``wall`` and ``now`` were read together. A change of the wall clock cannot move a datagram after ``now``, or before
-    ``earliest``, when nothing waited or when the datagram before it arrived.
-    """
-    return max(earliest, min(now, now - (wall - stamp)))
 
 
 class UdpSocket:
@@ -96,8 +82,7 @@ class UdpSocket:
         self._socket.setblocking(False)
         self._closed = False
         self._only: Address | None = None
-        self._earliest = loop.now()
-        """No datagram that waits has arrived before."""
+        self._arrivals = Arrivals(loop)
         self._stamped = False
         if sys.platform == "linux":
             try:
@@ -141,24 +126,15 @@ class UdpSocket:
         try:
             if not self._stamped:
                 return self._socket.recvfrom(_MAXIMUM_DATAGRAM)
-            data, ancillary, _, source = self._socket.recvmsg(_MAXIMUM_DATAGRAM, _ANCILLARY)
-            self.received_at = self._arrival(*ancillary[0]) if ancillary else None
+            data, ancillary, _, source = self._socket.recvmsg(_MAXIMUM_DATAGRAM, ANCILLARY)
+            self.received_at = self._arrivals.time(ancillary, self._loop.now())
             return data, source
         except BlockingIOError:
-            self._earliest = self._loop.now()
+            self._arrivals.end(self._loop.now())
             return None
         except OSError:
             self.errors += 1
             return None
-
-    def _arrival(self, _level: int, kind: int, data: bytes) -> int | None:
-        """The time in the first ancillary message; no other one is requested."""
-        if kind != SO_TIMESTAMPNS or len(data) != _TIMESPEC.size:
-            return None
-        seconds, nanoseconds = _TIMESPEC.unpack(data)
-        stamp = seconds * SECOND + nanoseconds
-        self._earliest = arrival(stamp, time.time_ns(), self._loop.now(), self._earliest)
-        return self._earliest
 
     def send(self, data: bytes | bytearray, address: Address) -> None:
         """Send without waiting; a failure is counted, and the next cycle sends again."""

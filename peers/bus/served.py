@@ -17,7 +17,8 @@ from pdgw.peers.node.running import simulation_thread
 class HubPort:
     """A member in the hub's own thread: a ``ds301.bus.port.CanPort``."""
 
-    def __init__(self, hub: Hub) -> None:
+    def __init__(self, loop: Loop, hub: Hub) -> None:
+        self._loop = loop
         self._hub = hub
         self._receiver: FrameReceiver | None = None
         self._send = hub.attach(self._take)
@@ -28,6 +29,12 @@ class HubPort:
     def send(self, can_id: int, data: bytes) -> None:
         self._send(pack_frame(can_id, data))
 
+    def listen(self, *, on: bool) -> None:
+        """Devices receive every frame when it arrives."""
+
+    def take(self, now: int) -> None:
+        """No frame waits."""
+
     def drop(self) -> None:
         """Nothing to drop: frames have no queue."""
 
@@ -37,7 +44,7 @@ class HubPort:
 
     def _take(self, frame: bytes) -> None:
         if self._receiver is not None:
-            deliver(self._receiver, *unpack_frame(frame))
+            deliver(self._receiver, *unpack_frame(frame), self._loop.now())
 
 
 class _LoopReaders:
@@ -69,7 +76,7 @@ class ServedBus:
 
     def connect(self) -> HubPort:
         """Create a port for a device on the thread of all simulated devices."""
-        return self._thread.call(lambda: HubPort(self._hub))
+        return self._thread.call(lambda: HubPort(self._thread.loop, self._hub))
 
     def stop(self) -> None:
         """End the bus; members receive nothing any more."""

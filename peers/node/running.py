@@ -137,8 +137,8 @@ class RunningNode(Generic[N]):
 
     # -- events of the port ---------------------------------------------------------------------------------------------
 
-    def on_frame(self, can_id: int, data: bytes) -> None:
-        if self.node.receive(can_id, data, self.loop.now()):
+    def on_frame(self, can_id: int, data: bytes, now: int) -> None:
+        if self.node.receive(can_id, data, now):
             self._plan()
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:

@@ -55,6 +55,8 @@ class Member:
         self._receiver: Receiver | None = None
         self._refused = False
         self._lost = ""
+        self._listens = True
+        self._waiting: deque[tuple[int, bytes, int]] = deque()
 
     # -- the port -------------------------------------------------------------------------------------------------------
 
@@ -69,6 +71,15 @@ class Member:
             raise PortBusyError
         self.queue.append((can_id, bytes(data)))
         self._bus.contend(self, can_id, data)
+
+    def listen(self, *, on: bool) -> None:
+        self._listens = on
+        if on and self._waiting:
+            self._bus.loop.call_later(0, lambda: self.take(self._bus.loop.now()))
+
+    def take(self, now: int) -> None:
+        while self._waiting and self._receiver is not None:
+            deliver(self._receiver, *self._waiting.popleft())
 
     def drop(self) -> None:
         if self.droppable:
@@ -101,8 +112,11 @@ class Member:
 
     def deliver(self, can_id: int, data: bytes) -> None:
         """Receive a frame of another member."""
-        if self._receiver is not None:
-            deliver(self._receiver, can_id, data)
+        now = self._bus.loop.now()
+        if not self._listens or self._waiting:
+            self._waiting.append((can_id, data, now))
+        elif self._receiver is not None:
+            deliver(self._receiver, can_id, data, now)
 
     def report_room(self) -> None:
         """Report a free place in the queue, or the end of bus-off."""

@@ -6,6 +6,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 from functools import partial
+from random import Random
 
 import can
 import pytest
@@ -16,9 +17,10 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, Receiver, open_port
-from pdgw.ds301.communication import NMT
+from pdgw.ds301.communication import NMT, SDO_RESPONSE
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
+from pdgw.peers.world.can_bus import SimulatedCan
 from tests.support import buses
 
 PDO = 0x184
@@ -103,7 +105,7 @@ def test_extended_and_remote_frames_are_not_mistaken_for_pdos(bus: ScriptedBus, 
 @given(can_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
 def test_no_frame_ends_the_reception(can_id: int, data: bytes) -> None:
     network = CanNetwork(VirtualLoop(), PlainPort)
-    network.on_frame(can_id, data)
+    network.on_frame(can_id, data, network.loop.now())
     assert network.received == 1
 
 
@@ -161,7 +163,7 @@ def test_an_interface_that_is_lost_is_opened_again_when_it_is_back(caplog: pytes
     assert len(ports.opened) == 2
     assert network.send(0x201, b"\0")
     assert not network.healthy, "not before a node is heard"
-    network.on_frame(0x701, b"\x05")
+    network.on_frame(0x701, b"\x05", network.loop.now())
     assert network.healthy
     network.close()
     assert ports.opened[1].closed
@@ -484,3 +486,67 @@ def test_monitors_of_a_bus_are_called_together_until_removed() -> None:
     network.close()
     loop.run_for(50 * MS)
     assert len(seen) == 3
+
+
+# -- frames that wait for the cycle -----------------------------------------------------------------------------------
+
+
+class Waiting:
+    """A network on a simulated bus with one node, and the PDOs that it has received, with their times."""
+
+    def __init__(self) -> None:
+        self.loop = VirtualLoop()
+        bus = SimulatedCan(self.loop, "can", 1_000_000, Random(1))
+        self.network = CanNetwork(self.loop, lambda: bus.join("gateway"))
+        self.network.start()
+        self.node = bus.join("node")
+        self.received: list[tuple[bytes, int, int]] = []
+        self.network.subscribe_pdo(PDO, lambda data, now: self.received.append((data, now, self.loop.now())))
+
+    def send(self, can_id: int = PDO, data: bytes = b"\x01") -> None:
+        self.node.send(can_id, data)
+        self.loop.run_for(MS)
+
+
+def test_frames_that_wait_keep_the_time_at_which_they_arrived() -> None:
+    waiting = Waiting()
+    waiting.network.listen(waiting.loop.now(), on=False)
+    begin = waiting.loop.now()
+    waiting.send()
+    assert not waiting.received
+    waiting.network.take(waiting.loop.now())
+    ((data, arrived, taken),) = waiting.received
+    assert data == b"\x01"
+    assert begin < arrived < taken == begin + MS
+
+
+def test_frames_wait_for_no_cycle_while_an_sdo_is_open() -> None:
+    waiting = Waiting()
+    network, loop = waiting.network, waiting.loop
+    network.listen(loop.now(), on=False)
+    waiting.send()
+    network.request_sdo(5, bytes(8), first=False)
+    waiting.send()
+    assert len(waiting.received) == 2
+    network.listen(loop.now(), on=False)
+    waiting.send()
+    assert len(waiting.received) == 3, "the answer is awaited"
+    waiting.send(SDO_RESPONSE + 5, bytes(8))
+    network.listen(loop.now(), on=False)
+    waiting.send()
+    assert len(waiting.received) == 3
+    network.request_sdo(5, bytes(8), first=True)
+    loop.run_for(2 * SECOND)
+    network.listen(loop.now(), on=False)
+    waiting.send()
+    assert len(waiting.received) == 4, "a node that is gone does not answer"
+
+
+def test_monitors_judge_after_the_frames_that_wait() -> None:
+    waiting = Waiting()
+    seen: list[int] = []
+    waiting.network.watch(lambda now: seen.append(len(waiting.received)))
+    waiting.network.listen(waiting.loop.now(), on=False)
+    waiting.send()
+    waiting.loop.run_for(30 * MS)
+    assert seen == [1]

@@ -18,7 +18,9 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import pack_frame
 from pdgw.ds301.bus.interfaces import open_bus, system_text
 from pdgw.ds301.bus.port import SocketPort, open_port
+from pdgw.ds301.loop.arrivals import SO_TIMESTAMPNS
 from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.durations import MS
 from tests.support import buses
 
 
@@ -81,9 +83,11 @@ class Heard:
 
     def __init__(self) -> None:
         self.frames: list[tuple[int, bytes]] = []
+        self.times: list[int] = []
 
-    def on_frame(self, can_id: int, data: bytes) -> None:
+    def on_frame(self, can_id: int, data: bytes, now: int) -> None:
         self.frames.append((can_id, data))
+        self.times.append(now)
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
         raise AssertionError
@@ -191,3 +195,28 @@ def test_frames_that_wait_on_a_bus_are_delivered_in_order_and_keep_no_other_desc
         loop.remove_reader(other.fileno())
     assert heard.frames == frames
     assert seen[0] < len(frames)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel notes no times of arrival")
+def test_frames_that_wait_are_taken_with_the_times_at_which_they_arrived() -> None:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    near.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+    heard = Heard()
+    with buses.looped() as loop, far:
+        port = SocketPort(loop, cast(SocketcanBus, Pair(near)))
+        port.start(heard)
+        port.listen(on=False)
+        before = loop.now()
+        far.send(pack_frame(0x181, b"\x01"))
+        far.send(pack_frame(0x182, b"\x02"))
+        after = loop.now()
+        while loop.now() <= after + MS:
+            pass
+        assert not heard.frames
+        port.take(loop.now())
+        assert heard.frames == [(0x181, b"\x01"), (0x182, b"\x02")]
+        assert before <= heard.times[0] <= heard.times[1] <= after + MS // 2
+        far.send(pack_frame(0x183, b"\x03"))
+        port.listen(on=True)
+        buses.wait_for(lambda: len(heard.frames) == 3, "a frame that waited until then")
+        port.close()

@@ -37,7 +37,7 @@ class Site:
         self._port = site.other()
         self._port.start(self)
 
-    def on_frame(self, can_id: int, data: bytes) -> None:
+    def on_frame(self, can_id: int, data: bytes, now: int) -> None:
         if can_id == 0x600 + NODE:
             self.requests.append(data)
             self.send(*self.script(data))

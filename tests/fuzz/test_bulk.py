@@ -217,7 +217,9 @@ def test_any_can_frames_never_start_a_drive(chance: random.Random) -> None:
         world, port = world_of(daemon), daemon.networks["can"]
         with exchanging(plc):
             for number in range(INPUTS):
-                port.on_frame(chance.choice(kinds), chance.randbytes(chance.choice((0, 1, 2, 4, 6, 8, 8, 8))))
+                port.on_frame(
+                    chance.choice(kinds), chance.randbytes(chance.choice((0, 1, 2, 4, 6, 8, 8, 8))), port.loop.now()
+                )
                 if number % 50 == 0:
                     world.loop.run_for(2 * MS)
                     assert drive_of(daemon).model.state is not State.OPERATION_ENABLED

@@ -185,7 +185,7 @@ def test_a_bus_off_that_is_over_at_once_stops_the_drive_until_off_and_on() -> No
         plc.turn(FULL_SPEED)
         model, network = drive_of(daemon).model, daemon.networks["can"]
         network.on_error_frame(bus_off=True, passive=False)
-        network.on_frame(0x7F, b"")
+        network.on_frame(0x7F, b"", network.loop.now())
         assert network.healthy
         with exchanging(plc):
             until(daemon, lambda: model.velocity_actual == 0, "standstill", 5 * SECOND)

@@ -85,6 +85,11 @@ def test_a_cycle_takes_no_more_bytecodes_and_calls_into_c(name: str) -> None:
     assert found.recorder <= known["recorder"], found
 
 
+@pytest.mark.parametrize("name", ["PROFINET, 1 ms", "PROFINET, 4 ms"])
+def test_loop_seldom_wakes_beside_the_cycles_while_a_drive_moves(name: str) -> None:
+    assert counting.wakes(counting.ROWS[name]) <= counting.limits()["wakes"][name]
+
+
 @pytest.mark.e2e
 @pytest.mark.skipif(bool(counting.missing()), reason=counting.missing())
 def test_a_cycle_of_the_compiled_gateway_takes_no_more_instructions() -> None:

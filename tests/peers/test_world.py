@@ -34,7 +34,7 @@ class Ear:
     def identifiers(self) -> list[int]:
         return [can_id for _, can_id in self.frames]
 
-    def on_frame(self, can_id: int, data: bytes) -> None:
+    def on_frame(self, can_id: int, data: bytes, now: int) -> None:
         self.frames.append((self.world.loop.now(), can_id))
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
@@ -105,7 +105,7 @@ def test_arbitration_prefers_standard_and_data_frames(bus: Bus) -> None:
 
 
 def test_an_answer_given_while_a_frame_is_delivered_waits_for_its_arbitration(bus: Bus) -> None:
-    bus.b.on_frame = lambda can_id, data: bus.b.port.send(0x581, data)  # type: ignore[method-assign]
+    bus.b.on_frame = lambda can_id, data, now: bus.b.port.send(0x581, data)  # type: ignore[method-assign]
     bus.a.port.send(0x601, b"")
     bus.a.port.send(0x081, b"")
     bus.loop.run_for(SECOND)

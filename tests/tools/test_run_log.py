@@ -202,8 +202,8 @@ def test_storms_of_emcy_and_sdo_answers_need_limited_memory() -> None:
         until(daemon, lambda: daemon.axes[0].drive.generation, "online")
         (network,) = daemon.networks.values()
         for number in range(500):
-            network.on_frame(EMCY + 1, number.to_bytes(2, "little") + bytes(6))
-            network.on_frame(SDO_RESPONSE + 1, bytes(8))
+            network.on_frame(EMCY + 1, number.to_bytes(2, "little") + bytes(6), 0)
+            network.on_frame(SDO_RESPONSE + 1, bytes(8), 0)
         assert len(daemon.axes[0].faults) <= 64
         assert world_of(daemon) is daemon.platform
 

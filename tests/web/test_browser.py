@@ -430,7 +430,7 @@ def test_parameters_are_read_and_events_filtered_on_request_and_texts_of_devices
 
 
 def test_an_axis_that_is_off_is_not_red_and_one_off_the_bus_is_grey(shown: Shown) -> None:
-    shown.daemon.networks["can"].on_frame(0x700 + 77, b"\x05")
+    shown.daemon.networks["can"].on_frame(0x700 + 77, b"\x05", 0)
     for number in (0, 1):
         shown.plc.endpoint.set(number, {"STW1": OFF})
     shown.plc.endpoint.set(2, {"STW2_ENC": 1 << 10})

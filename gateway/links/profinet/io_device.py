@@ -46,6 +46,8 @@ log = logging.getLogger("gateway")
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
 _DIAGNOSIS_NS: Final = 50 * MS
+_EARLY_NS: Final = 5 * MS
+"""The diagnosis is reported with the cycle if it is due so soon: another wake costs more."""
 _NOT_IN_FORCE: Final = -1
 """Instead of the orders of a frame that did not count: the next frame is a step of the axes."""
 _HELD_UP: Final = "the gateway was held up for longer than the watchdog time, and frames waited meanwhile"
@@ -102,7 +104,6 @@ class ProfinetLink:
         self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(loop, _WAITING)
         self._tasks: list[Task] = []
         self._timer: Timer | None = None
-        self._timer_due = 0
         self._consumer: Consumer | None = None
         """Data of the connected controller."""
         self._order_mask = self._ordered = 0
@@ -189,6 +190,10 @@ class ProfinetLink:
     def peer_host(self) -> str | None:
         relation = self.device.relation
         return str(relation.source[0]) if relation and relation.connected else None
+
+    @property
+    def takes_together(self) -> bool:
+        return self._pairing is not None and self._pairing.is_short
 
     def start(self, action: Callable[[], None]) -> None:
         station = self.station
@@ -324,7 +329,12 @@ class ProfinetLink:
             # Filled from the Connect on: the data must be valid at ApplicationReady.
             self._fill(relation, relation.provider, actuals, good)
         if self._answering:
-            self._answering = not self._provide(self._loop.now())
+            lead = 0 if self._pairing is None else self._pairing.lead
+            self._answering = not self._provide(self._loop.now() + lead)
+        watch = self._watch
+        if watch is not None and now + _EARLY_NS >= watch.when:
+            watch.cancel()
+            self._on_watch()
 
     def _fill(
         self,
@@ -469,13 +479,17 @@ class ProfinetLink:
             sent, self._answering = not self._answering, False
             if self._closed:
                 return
-            pairing.taken(self._received_at, found=self._received_at != before)
-        if self._timer is not None:
-            self._timer.cancel()  # the exchange may have set another deadline
-            self._timer = None
+            found = self._received_at != before
+            if not found and pairing.again(self._loop.now()):
+                self._call_at(self.device.cyclic_deadline, exactly=True)
+                return
+            pairing.taken(self._received_at, found=found)
         if sent or self._provide(now):
-            self._call_at(self.device.cyclic_deadline)
+            self._call_at(self.device.cyclic_deadline)  # the exchange may have set another deadline
         else:
+            if self._timer is not None:
+                self._timer.cancel()
+                self._timer = None
             self.device.poll(now)
             self._pump()
 
@@ -493,13 +507,14 @@ class ProfinetLink:
         for event in self.device.events():
             self._on_event(event)
         due = self.device.next_deadline()
-        if self._timer is None or due < self._timer_due:
-            if self._timer is not None:
-                self._timer.cancel()
+        if self._timer is None or due < self._timer.when:
             self._call_at(due)
 
-    def _call_at(self, due: int) -> None:
-        self._timer_due = due
+    def _call_at(self, due: int, *, exactly: bool = False) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._pairing is not None and not exactly:
+            due = self._pairing.wake(due)
         self._timer = self._loop.call_at(due, self._on_due)
 
     def _send_waiting(self) -> None:

@@ -133,9 +133,9 @@ def test_only_a_heartbeat_names_a_node_that_is_not_in_the_configuration() -> Non
     with running(configuration(axis(1))) as daemon:
         until(daemon, lambda: daemon.axes[0].good, "online")
         bus = daemon.networks["can"]
-        bus.on_frame(0x1C5, bytes(8))  # a PDO of node 1 can have this COB-ID
+        bus.on_frame(0x1C5, bytes(8), bus.loop.now())  # a PDO of node 1 can have this COB-ID
         assert snapshot(daemon)["buses"][0]["unconfigured"] == []
-        bus.on_frame(0x700 + 77, b"\x05")
+        bus.on_frame(0x700 + 77, b"\x05", bus.loop.now())
         assert snapshot(daemon)["buses"][0]["unconfigured"] == [77]
 
 

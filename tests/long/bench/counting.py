@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -52,6 +53,9 @@ _PHASE_NS: Final = 300 * MS
 """Counting begins this time after a whole second: all values are recorded once a second."""
 _OPERATED_NS: Final = SECOND
 _POLL_NS: Final = 20 * MS
+_DELAY: Final = 0.4
+"""Of a cycle, until the drives of a PROFINET row answer: their TPDOs do not come in the turn of the RPDOs."""
+_WAKES_NS: Final = 2 * SECOND
 _NEVER: Final = 1 << 62
 _OFF, _ON = 0x047E, 0x047F
 _STATE, _READY, _OPERATION = 0x4F, 0x01, 0x07
@@ -75,6 +79,7 @@ ROWS: Final = {
     "30 axes on one bus, 10 ms": Row(30, 30, 10, 10),
     "telegram 111, 4 ms": Row(1, 3, 4, 100, telegram=111),
     "PROFINET, 1 ms": Row(1, 3, 1, 200, link="profinet"),
+    "PROFINET, 4 ms": Row(1, 3, 4, 100, link="profinet"),
     "idle": Row(8, 3, 4, 25, link=""),
 }
 INSTRUCTIONS: Final = ("1 axis, 1 ms", "8 axes, 1 ms", "64 axes, 4 ms", "30 axes on one bus, 10 ms")
@@ -95,12 +100,15 @@ class Counter(Protocol):
 
 
 class Bus:
-    """A bus between one gateway and the drives: ``attach`` as a hub has it."""
+    """A bus between one gateway and the drives: ``attach`` as a hub has it. ``delay``: of each frame of the drives."""
 
-    def __init__(self, readers: selectors.BaseSelector) -> None:
+    def __init__(self, readers: selectors.BaseSelector, clock: Callable[[], int], delay: int) -> None:
         self.socket, self._other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._other.setblocking(False)
         self._readers = readers
+        self._clock = clock
+        self._delay = delay
+        self._delayed: deque[tuple[int, bytes]] = deque()
 
     def attach(self, receive: Callable[[bytes], None]) -> Callable[[bytes], object]:
         def take() -> None:
@@ -111,7 +119,16 @@ class Bus:
                 return
 
         self._readers.register(self._other, selectors.EVENT_READ, take)
-        return self._other.send
+        return self._send if self._delay else self._other.send
+
+    def _send(self, frame: bytes) -> None:
+        self._delayed.append((self._clock() + self._delay, frame))
+
+    def poll(self, now: int) -> int:
+        """Send what is due; when to call again."""
+        while self._delayed and now >= self._delayed[0][0]:
+            self._other.send(self._delayed.popleft()[1])
+        return self._delayed[0][0] if self._delayed else _NEVER
 
     def shutdown(self) -> None:
         """Of python-can's buses."""
@@ -132,7 +149,7 @@ class Cable(FakeEthernet):
     @property
     def ready(self) -> list[tuple[int, int]]:
         """As a descriptor."""
-        return [(self._signal.fileno(), READABLE)] if self.real_time else []
+        return [(self._signal.fileno(), READABLE)] if self.real_time and self.listening else []
 
     def _received(self) -> None:
         """The loop calls it."""
@@ -258,7 +275,8 @@ class Machine(SystemPlatform):
         self._counter = counter
         self._limit = cycles
         self._row = row
-        self._buses = [Bus(self._readers) for _ in range(0, row.axes, row.per_bus)]
+        delay = int(_DELAY * row.cycle_ms * MS) if row.link == "profinet" else 0
+        self._buses = [Bus(self._readers, self._clock, delay) for _ in range(0, row.axes, row.per_bus)]
         self._drives = [
             IdealDrives(bus, min(row.per_bus, row.axes - number * row.per_bus), self._clock)
             for number, bus in enumerate(self._buses)
@@ -273,6 +291,8 @@ class Machine(SystemPlatform):
         self._first = -1
         """Number of cycles at the begin of the count."""
         self.cycles = 0
+        self.wakes = 0
+        """Of the loop, during the count."""
 
     def open_can(self, config: CanConfig) -> SocketPort:
         return SocketPort(self.loop, self._buses[int(str(config.channel))])  # type: ignore[arg-type]
@@ -300,11 +320,13 @@ class Machine(SystemPlatform):
                 self._counter.end()
                 self._first = -1
                 raise _Counted
-        until = self._time[0] + int(seconds * SECOND)
+        asleep = self._time[0]
+        until = asleep + int(seconds * SECOND)
         while not self._works() and self._time[0] < until:
             self._advance(until)
         self._begin()
         if self._first >= 0:
+            self.wakes += self._time[0] > asleep
             self._counter.resume()
         return (self.cable.ready if self._row.link == "profinet" else []) + self._system.wait(0)
 
@@ -312,11 +334,14 @@ class Machine(SystemPlatform):
         """The devices react; whether the gateway has something to do."""
         for key, _ in self._readers.select(0):
             key.data()
-        return bool(self._system.wait(0)) or (self._row.link == "profinet" and bool(self.cable.real_time))
+        return bool(self._system.wait(0)) or (self._row.link == "profinet" and bool(self.cable.ready))
 
     def _advance(self, until: int) -> None:
         """To the next event."""
-        now = self._time[0] = max(self._time[0], min(until, self._poll_due, self._plc_due))
+        answers = min(bus.poll(self._time[0]) for bus in self._buses)
+        now = self._time[0] = max(self._time[0], min(until, self._poll_due, self._plc_due, answers))
+        for bus in self._buses:
+            bus.poll(now)
         if now >= self._poll_due:
             self._poll_due += _POLL_NS
             for drives in self._drives:
@@ -355,7 +380,7 @@ def configuration(row: Row) -> str:
     return text
 
 
-def count(row: Row, counter: Counter, cycles: int, *, record: bool = True) -> None:
+def count(row: Row, counter: Counter, cycles: int, *, record: bool = True) -> Machine:
     """Count this number of cycles."""
     machine = Machine(row, counter, cycles)
     daemon = Daemon(parse_config(configuration(row)), machine, machine.cable if row.link == "profinet" else None)
@@ -363,6 +388,28 @@ def count(row: Row, counter: Counter, cycles: int, *, record: bool = True) -> No
         if record:
             daemon.services.append(FlightRecorder(daemon, Path(folder), "count"))
         machine.run(daemon)
+    return machine
+
+
+# Wakes of the loop.
+
+
+class Uncounted:
+    """Only the wakes are counted."""
+
+    def begin(self) -> None: ...
+
+    def resume(self) -> None: ...
+
+    def pause(self) -> None: ...
+
+    def end(self) -> None: ...
+
+
+def wakes(row: Row) -> int:
+    """Wakes a second that are not those of the cycles."""
+    machine = count(row, Uncounted(), round(_WAKES_NS / (row.cycle_ms * MS)))
+    return (machine.wakes - machine.cycles) * SECOND // _WAKES_NS
 
 
 # Bytecodes and calls into C of a gateway that is not compiled.

@@ -81,7 +81,7 @@ class Master(canopen.Network):  # type: ignore[misc]
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         self._member.send(can_id | (REMOTE if remote else 0), bytes(data))
 
-    def on_frame(self, can_id: int, data: bytes) -> None:
+    def on_frame(self, can_id: int, data: bytes, now: int) -> None:
         self.notify(can_id, bytearray(data), self._world.loop.now() / SECOND)
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:

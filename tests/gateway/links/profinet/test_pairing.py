@@ -221,3 +221,66 @@ def test_frames_after_changed_orders_do_not_stay_one_cycle_late(tmp_path: Path) 
         site.run(4 * MS)
         assert not site.port.real_time
         assert site.link.setpoints[0] == (OFF, 0x1000)
+
+
+# -- frames of the buses ----------------------------------------------------------------------------------------------
+
+
+def paired(clock: int) -> tuple[Pairing, Provider]:
+    """A pairing whose next frame is taken together with the input frame."""
+    plan = project(send_clock=clock, reduction_ratio=1).plan(IocrType.INPUT, 0x8001)
+    provider = Provider(plan, PLC_MAC, DEVICE_MAC, PLACES)
+    provider.start(0)
+    pairing = Pairing(FakeEthernet(VirtualLoop()), provider)
+    pairing.came(provider.due - MS // 10)
+    assert not pairing.due(provider.due)
+    assert provider.poll(provider.due) is not None
+    return pairing, provider
+
+
+def test_loop_wakes_earlier_by_the_time_for_reading_what_waits() -> None:
+    pairing, provider = paired(32)
+    assert pairing.lead == 0
+    for _ in range(100):
+        woken = provider.due - pairing.lead
+        assert pairing.due(woken)
+        pairing.taken(woken + MS // 5, found=True)
+        provider.poll(provider.due)
+    assert 0.9 * MS / 5 < pairing.lead <= MS / 5
+    assert pairing.wake(provider.due) == provider.due - pairing.lead
+    assert pairing.wake(provider.due - 1) == provider.due - 1, "of something else"
+    assert pairing.again(provider.due - 1), "the frame may come until the input frame is due"
+    assert not pairing.again(provider.due)
+    pairing.taken(provider.due, found=False)
+    assert pairing.lead == 0
+
+
+@pytest.mark.parametrize("ratio", [1, 8])
+def test_frames_of_the_buses_wait_for_short_cycles_only(tmp_path: Path, ratio: int) -> None:
+    rig = Rig(tmp_path)
+    rig.plc.project = replace(rig.plc.project, reduction_ratio=ratio, data_hold=100)
+    rig.connect()
+    assert not rig.link.takes_together
+    rig.run(2 * SECOND, lambda: not rig.port.listening)
+    assert rig.link.takes_together is (ratio == 1)
+
+
+def test_cycle_reads_the_buses_while_paired_and_each_frame_wakes_after_a_loss(tmp_path: Path) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json")) as site:
+        site.connect()
+        site.enable(1, 0x1000)
+        received: list[int] = []
+        (network,) = site.daemon.networks.values()
+        network.listeners.append(lambda message: received.append(site.loop.now()) if message.is_rx else None)
+        site.run(SECOND)
+        received.clear()
+        begin = site.daemon.cycles
+        site.run(100 * MS)
+        assert len(received) > len(set(received)) / 2
+        assert len(set(received)) <= site.daemon.cycles - begin + 1
+        site.killed = True
+        site.run(20 * MS)
+        received.clear()
+        begin = site.daemon.cycles
+        site.run(100 * MS)
+        assert len(set(received)) > site.daemon.cycles - begin
