@@ -22,6 +22,7 @@ COMPILED = (
     "ds301/bus/can_frame.py",
     "ds301/bus/network.py",
     "ds301/bus/port.py",
+    "ds301/loop/arrivals.py",
     "ds301/loop/loop.py",
     "ds301/loop/readiness.py",
     "ds301/loop/virtual_loop.py",
