@@ -53,6 +53,8 @@ FRESH, CONNECTED, ANSWERED, WHOLE = 1, 2, 4, 8
 MASK: Final = struct.Struct(">H")
 """The step of each drive object: the groups of values that follow, by their number, and the flags below. Without groups, the
 values are those of the step before and of the frames since then."""
+READ: Final = 1 << 10
+"""Instead of groups: the values that no PDO has follow, because one of them was read."""
 SENT: Final = 1 << 11
 """The RPDOs have its command."""
 AS_BEFORE: Final = 1 << 12

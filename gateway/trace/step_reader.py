@@ -73,6 +73,8 @@ class StepReader:
             telegram(item.telegram).setpoints.struct,
             *(struct.Struct(f">{len(item.groups[group])}q") for group in GROUPS[1:]),
         ]
+        self._places = [(group, at) for group in range(1, len(GROUPS)) for at in range(len(item.groups[GROUPS[group]]))]
+        """Of the values of a whole record, in their order, without the setpoints."""
         self._setpoints_at = description.places.setpoints[place]
         self._fresh_at = item.place("flags", "fresh")
         self._routes = routes
@@ -81,6 +83,8 @@ class StepReader:
         """In the order in which the gateway takes their values."""
         self._arrived: dict[_Key, tuple[int, bytes]] = {}
         """The newest frame of each TPDO since the last step: when it came, and its data."""
+        self._read: list[_Place] = []
+        """The values that no PDO has."""
         self._rpdos: list[tuple[str, int]] = []
         self._of_rpdos: set[int] = set()
         """The places of RPDO values in the command; the others are written by SDO, and a change of them is recorded."""
@@ -105,14 +109,19 @@ class StepReader:
         """Read the next step, at ``at`` of a cycle's block; its end. ``flags``: of the cycle; ``received``: frame of the PLC."""
         (mask,) = pcapng.MASK.unpack_from(content, at)
         at += pcapng.MASK.size
-        step = None if self.step is None else self._follow(self.step, mask, flags, received)
+        changes: list[tuple[_Place, int]] = []
+        if mask & pcapng.READ:
+            values = struct.unpack_from(f">{len(self._read)}q", content, at)
+            at += 8 * len(values)
+            changes += zip(self._read, values, strict=True)
+        step = None if self.step is None else self._follow(self.step, mask, flags, received, changes)
         if mask & _RECORDED:
-            values: list[Any] = [None] * len(GROUPS) if step is None else list(step[: len(GROUPS)])
+            groups: list[Any] = [None] * len(GROUPS) if step is None else list(step[: len(GROUPS)])
             if mask & pcapng.NO_SETPOINTS:
-                values[0] = None
+                groups[0] = None
             for group, packed in enumerate(self._structs):
                 if mask & 1 << group:
-                    values[group] = packed.unpack_from(content, at)
+                    groups[group] = packed.unpack_from(content, at)
                     at += packed.size
             events: dict[str, Any] = {}
             if mask & pcapng.HAS_EVENTS:
@@ -120,8 +129,9 @@ class StepReader:
                 at += pcapng.LENGTH.size + size
                 events = json.loads(content[at - size : at])
             self._map(events.pop("pdos", self._noted))
+            self._read = [self._places[at] for at in events.pop("read")] if "read" in events else self._read
             if step is not None or flags & pcapng.WHOLE:
-                given = Step._make((*values, events, True, tuple(self._rpdos), False, ()))
+                given = Step._make((*groups, events, True, tuple(self._rpdos), False, ()))
                 step = self._recorded(given, step, mask, flags, received)
         self.step = step
         self._arrived.clear()
@@ -142,15 +152,14 @@ class StepReader:
         for key, pdo in self._pdos.items():
             self._routes.setdefault(key, {})[self] = pdo
 
-    def _follow(self, last: Step, mask: int, flags: int, received: bytes) -> Step:
-        """The step that follows from the last one and the frames since then."""
+    def _follow(self, last: Step, mask: int, flags: int, received: bytes, changes: list[tuple[_Place, int]]) -> Step:
+        """The step that follows from the last one, the frames since then and the ``changes`` that no frame has."""
         if self._has_all:
             return last._replace(events={}) if last.events else last
         groups: list[Any] = list(last[: len(GROUPS)])
         fresh = int(bool(flags & pcapng.FRESH))
         if fresh and last.setpoints is not None and self._setpoints_at is not None:
             groups[0] = self._structs[0].unpack_from(received, self._setpoints_at)
-        changes: list[tuple[_Place, int]] = []
         if self._fresh_at is not None:
             changes.append(((_FLAGS, self._fresh_at), fresh))
         if mask & pcapng.AS_BEFORE:

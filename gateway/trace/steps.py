@@ -28,6 +28,7 @@ from pdgw.gateway.trace.pcapng import (
     MASK,
     NO_SETPOINTS,
     ONLINE,
+    READ,
     SENT,
     SETPOINTS,
     VALUES,
@@ -117,8 +118,9 @@ def recorded_class(name: str) -> Any:
 # The step of a drive object as bytes: what its machine was given and what it decided.
 #
 # The frames of the same cycle are in the same recording. While they have all that has changed, a step is two bytes, and the
-# reader gets setpoints, feedback and command from the frames. It is recorded with all of its values if something else has
-# changed, if the frames do not have its values (device not online, RPDO waiting), and once a second.
+# reader gets setpoints, feedback and command from the frames. Values that are read or written by SDO follow if they change. A
+# step is recorded with all of its values if something else has changed, if the frames do not have its values (device not online,
+# RPDO waiting), and once a second.
 
 
 _SENSOR: Final = (
@@ -284,14 +286,13 @@ class StepRecord:
         outputs, last = self._outputs, self._last
         values = self._last = self._read_values()
         sent = self._rpdos is None or self._rpdos.sent_ns == now
-        if (
-            values == last
-            and outputs.events is None
-            and not self._given
-            and outputs.presets == self._presets
-            and (not self._others or _read(self._others) == self._other_values)
-        ):
-            return (_SENT if sent else _BY_FRAMES) if self._was_online else _AS_BEFORE
+        if values == last and outputs.events is None and not self._given and outputs.presets == self._presets:
+            others = _read(self._others) if self._others else self._other_values
+            if others == self._other_values:
+                return (_SENT if sent else _BY_FRAMES) if self._was_online else _AS_BEFORE
+            if self._was_online and self._has_fresh_data():
+                self._other_values = others
+                return MASK.pack(READ | (SENT if sent else 0)) + struct.pack(f">{len(others)}q", *others)
         online = self._was_online = self._has_fresh_data()
         numbers, setpoints = _read(self._attributes), self._step.setpoints
         mask = VALUES | (ONLINE if online else 0) | (SENT if sent else 0)
@@ -326,6 +327,7 @@ class StepRecord:
         if generations != self._generations:
             self._generations = generations
             document["pdos"] = self._find_pdos()
+            document["read"] = [self._attributes.index(item) for item in self._without_pdo]
         return json.dumps(document).encode() if document else b""
 
     def _find_pdos(self) -> list[tuple[str, int, str, Sequence[str]]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -13,6 +13,7 @@ from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import Reason
+from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.steps import step_record
 from pdgw.peers.drive import shape
 from tests.support.gateways.daemon import (
@@ -187,3 +188,29 @@ def test_a_recording_has_the_steps_of_the_machines(name: str, tmp_path: Path) ->
     by_frames = seen[0].compare(recording(tmp_path))
     assert not differences(replay_of(tmp_path))
     assert by_frames > 100
+
+
+def test_steps_of_an_axis_that_moves_need_five_bytes_a_cycle(tmp_path: Path) -> None:
+    """Also with telegram 1, whose position is read by SDO."""
+    with recorded(configuration(axis(1)), tmp_path) as plc:
+        turn(plc)
+        first = plc.daemon.cycles
+        run(plc, 1250)
+        steps = [
+            len(data) - pcapng.CYCLE_HEAD.size
+            for number, data in cycle_blocks(recording(tmp_path))
+            if number > first + 10
+        ]
+    assert len(steps) > 1000
+    assert sum(steps) / len(steps) < 5
+
+
+def cycle_blocks(file: str) -> Iterator[tuple[int, bytes]]:
+    """Number and content of the cycles in a recording."""
+    data = Path(file).read_bytes()
+    for kind, at, _ in pcapng.walk(data):
+        if kind == pcapng.CUSTOM:
+            *_, content, size = pcapng.CUSTOM_HEAD.unpack_from(data, at)
+            begin = at + pcapng.CUSTOM_HEAD.size
+            if content == pcapng.CYCLE:
+                yield pcapng.CYCLE_HEAD.unpack_from(data, begin)[0], data[begin : begin + size]
