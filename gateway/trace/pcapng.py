@@ -45,7 +45,12 @@ PACKET_HEAD: Final = struct.Struct(">IIIQII")
 CUSTOM_HEAD: Final = struct.Struct(">IIIcxxxI")
 """Kind, length of the block, enterprise; then kind and length of the content."""
 _TAIL: Final = struct.Struct(">I")
-CAN_PACKET: Final = struct.Struct(">IIIQIIIBxxx8sI")
+CAN_PACKET: Final = struct.Struct(">12sQ16s8sI")
+"""``CAN_HEAD``, time, ``CAN_MIDDLE``, data, length of the block."""
+CAN_HEAD: Final = struct.Struct(">III")
+"""Kind, length of the block, interface."""
+CAN_MIDDLE: Final = struct.Struct(">IIIBxxx")
+"""Captured and original length; identifier and number of data bytes."""
 CYCLE_HEAD: Final = struct.Struct(">QqqBI")
 """Number of the cycle, its monotonic time, wall clock minus monotonic clock, flags, microseconds to the answer."""
 FRESH, CONNECTED, ANSWERED, WHOLE = 1, 2, 4, 8

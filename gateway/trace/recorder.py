@@ -14,10 +14,10 @@ import os
 import shutil
 import struct
 from bisect import bisect_left
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from pdgw.ds301.bus.network import FrameTap
 from pdgw.durations import MS, SECOND, US
 from pdgw.gateway.configuration.file import public_config
 from pdgw.gateway.errors import GatewayError
@@ -50,8 +50,36 @@ _MODE: Final = 0o440
 """No other program opens a segment for writing by mistake; the gateway has it open already."""
 _FOLDER_MODE: Final = 0o750
 _PACK_CAN: Final = pcapng.CAN_PACKET.pack
+_CAN_PACKET: Final = pcapng.CAN_PACKET.size
+_CAN_FRAME: Final = 16
+_MIDDLES: Final = 4096
+"""Limit of the memory for them: any device may send all extended identifiers."""
 _PACK_HEAD: Final = pcapng.CYCLE_HEAD.pack
 _TARGET, _SOURCE = slice(0, 6), slice(6, 12)
+
+
+class _BusTap(FrameTap):
+    """Records the frames of a bus as blocks, and their times."""
+
+    def __init__(self, bus: int, blocks: list[bytes], times: list[int]) -> None:
+        self._head = pcapng.CAN_HEAD.pack(pcapng.PACKET, _CAN_PACKET, bus)
+        self._middles: dict[int, bytes] = {}
+        """By identifier and size: packing them anew takes longer."""
+        self._blocks = blocks
+        self._times = times
+        self.wall = 0
+        """Wall clock minus monotonic clock."""
+
+    def frame(self, can_id: int, data: bytes, time_ns: int) -> None:
+        size = len(data)
+        middles, key = self._middles, can_id << 4 | size
+        middle = middles.get(key)
+        if middle is None:
+            if len(middles) >= _MIDDLES:
+                middles.clear()
+            middle = middles[key] = pcapng.CAN_MIDDLE.pack(_CAN_FRAME, _CAN_FRAME, can_id, size)
+        self._times.append(time_ns)
+        self._blocks.append(_PACK_CAN(self._head, time_ns + self.wall, middle, data, _CAN_PACKET))
 
 
 class FlightRecorder:
@@ -100,8 +128,9 @@ class FlightRecorder:
         self._name = self.path.name.removesuffix(SUFFIX)
         for item in daemon.objects:
             item.given = []
-        for bus, network in enumerate(daemon.networks.values()):
-            network.tap = partial(self._frame, bus)
+        self._taps = [_BusTap(bus, self._blocks, self._times) for bus in range(self._plc)]
+        for network, tap in zip(daemon.networks.values(), self._taps, strict=True):
+            network.tap = tap
         daemon.loop.counters.add("trace", "lost", "cycles", "not written to the flight recorder", lambda: self.lost)
         daemon.watch.listeners.append(self)
         daemon.recorder = daemon.link.recorder = self
@@ -126,12 +155,6 @@ class FlightRecorder:
         self._lock = -1
 
     # -- the exchange -----------------------------------------------------------------------------------------------------
-
-    def _frame(self, bus: int, identifier: int, data: bytes, _sent: int, time_ns: int) -> None:
-        """A CAN frame; ``identifier`` with the flags of SocketCAN."""
-        self._times.append(time_ns)
-        size = len(data)
-        self._blocks.append(_PACK_CAN(6, 48, bus, time_ns + self._wall, 16, 16, identifier, size, data, 48))
 
     def cycle(self, now: int, accepted: bool, answered: int) -> None:
         """CycleListener."""
@@ -184,6 +207,8 @@ class FlightRecorder:
         self._whole = True
         loop = self._daemon.loop
         self._wall = int(loop.wall() * SECOND) - loop.now()
+        for tap in self._taps:
+            tap.wall = self._wall
 
     # -- segments -----------------------------------------------------------------------------------------------------------
 

@@ -379,7 +379,9 @@ def test_domain_of_the_drive_is_read_by_blocks(plant: Plant) -> None:
     variable.data_type = CanType.DOMAIN.code
     client.sdo.dictionary.add_object(variable)
     frames: list[bytes] = []
-    plant.network.tap = lambda can_id, data, _sent, _now: frames.append(data) if can_id == 0x600 + NODE else None
+    plant.network.listeners.append(
+        lambda message: frames.append(bytes(message.data)) if message.arbitration_id == 0x600 + NODE else None
+    )
     assert site.result(client.submit(lambda drive: drive.sdo.read(0x2100))) == bytes(range(200))
     assert [frame[0] & 0xE0 for frame in frames[-4:]] == [0xA0] * 4
 

@@ -7,6 +7,7 @@ from collections import Counter, defaultdict
 from itertools import pairwise
 from pathlib import Path
 
+import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -54,12 +55,12 @@ def test_sdos_of_parameters_follow_each_other_as_fast_as_the_plan_of_the_bus_all
     gap = sdo_gap_ns(bus_load(frames, DEFAULT_BITRATE), DEFAULT_BITRATE)
     requests: list[int] = []
 
-    def listen(can_id: int, _data: bytes, sent: int, now: int) -> None:
-        if sent and can_id == SDO_REQUEST + 1:
-            requests.append(now)
+    def listen(message: can.Message) -> None:
+        if not message.is_rx and message.arbitration_id == SDO_REQUEST + 1:
+            requests.append(daemon.loop.now())
 
     with serving(config) as (daemon, client):
-        daemon.networks[config.can[0].name].tap = listen
+        daemon.networks[config.can[0].name].listeners.append(listen)
         client.request([ParameterAddress(0x6080, 0, 1), ParameterAddress(0x6081, 0, 1)] * 4)
     found = [after - before for before, after in pairwise(requests)]
     assert len(found) == 7
@@ -72,14 +73,14 @@ def test_sdos_leave_room_for_the_pdos_of_the_telegram_that_p922_selects() -> Non
     gap = sdo_gap_ns(bus_load(cyclic_frames(config.axis, {}, config.transport.cycle_time_ms), 250_000), 250_000)
     requests: list[int] = []
 
-    def listen(can_id: int, _data: bytes, sent: int, now: int) -> None:
-        if sent and can_id == SDO_REQUEST + 1:
-            requests.append(now)
+    def listen(message: can.Message) -> None:
+        if not message.is_rx and message.arbitration_id == SDO_REQUEST + 1:
+            requests.append(daemon.loop.now())
 
     with serving(configuration(axis(1), can=can)) as (daemon, client):
         daemon.change_telegram(daemon.axes[0], 100)
         until(daemon, lambda: daemon.clients[0].generation == 2, "mapped again")
-        daemon.networks["can"].tap = listen
+        daemon.networks["can"].listeners.append(listen)
         client.request([ParameterAddress(0x6080, 0, 1), ParameterAddress(0x6081, 0, 1)] * 4)
     assert min(after - before for before, after in pairwise(requests)) >= gap
 

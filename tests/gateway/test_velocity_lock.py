@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import can
 import pytest
 
 from pdgw.ds301.aborts import Abort, SdoAbortedError
@@ -130,12 +131,12 @@ def test_no_unit_is_read_during_a_job() -> None:
     with turning_in_velocity_mode() as (daemon, _drive, plc):
         requests: list[bytes] = []
 
-        def listen(can_id: int, data: bytes, sent: int, _now: int) -> None:
-            if sent and can_id == SDO_REQUEST + 1:
-                requests.append(data)
+        def listen(message: can.Message) -> None:
+            if not message.is_rx and message.arbitration_id == SDO_REQUEST + 1:
+                requests.append(bytes(message.data))
 
         (network,) = daemon.networks.values()
-        network.tap = listen
+        network.listeners.append(listen)
         release = Event(daemon.loop)
         daemon.axes[0].drive.submit(lambda _: release.wait())
         plc.exchange()
