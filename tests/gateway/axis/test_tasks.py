@@ -26,11 +26,13 @@ from tests.support.axis.tasks import (
     REJECT,
     TAKEN,
     WARNING,
+    ZSW1,
     Make,
     TaskHand,
     positioner,
 )
 
+ZSW1_REACHED = ZSW1.bit("TARGET_REACHED", positioning=True).mask
 REACHED = StatusBit.TARGET_REACHED
 LATE = ACKNOWLEDGE_NS // 4_000_000
 """Cycles until a setpoint without an acknowledge is reported."""
@@ -170,6 +172,20 @@ def test_an_acknowledge_never_counts_for_a_task_after_off_and_on(hand: TaskHand)
     for status in (OPERATING, OPERATING | TAKEN):
         assert not hand.task(8192, status) & NEW_SETPOINT
         assert not hand.actuals["ZSW1"] & ACKNOWLEDGED
+
+
+def test_reached_of_the_task_before_does_not_end_a_relative_task(hand: TaskHand) -> None:
+    for status in (OPERATING, OPERATING | TAKEN, *(OPERATING | REACHED,) * 2 * hand.latency):
+        hand.task(4096, status, relative=True)
+    assert hand.actuals["ZSW1"] & ZSW1_REACHED
+    hand(ON, OPERATING | REACHED)
+    hand(ON | ACTIVATE, OPERATING | REACHED)
+    for status in (OPERATING | TAKEN | REACHED, *(OPERATING | REACHED,) * 20):
+        hand(ON | ACTIVATE, status)
+        assert not hand.actuals["ZSW1"] & ZSW1_REACHED, "the drive has not begun"
+    for _ in range(hand.latency):
+        hand(ON | ACTIVATE, OPERATING | REACHED)
+    assert hand.actuals["ZSW1"] & ZSW1_REACHED, "such a short way may leave SW.10"
 
 
 # -- homing -------------------------------------------------------------------------------------------------------------

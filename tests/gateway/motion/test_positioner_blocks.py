@@ -271,6 +271,21 @@ def test_passive_homing_needs_a_probe() -> None:
     assert (rig.result.warning, rig.result.probe) == (Reason.PASSIVE_HOMING_NOT_SUPPORTED, False)
 
 
+def test_passive_homing_ends_with_operation_and_needs_another_edge_then() -> None:
+    rig = PositionerRig()
+    rig.step(operating=False)
+    rig.step(2, operating=True, homing=True, passive_homing=True)
+    assert rig.positioner.armed
+    rig.step(operating=False)
+    rig.positioner.latch(300)
+    rig.step(5, operating=True)
+    assert (rig.positioner.armed, rig.result.probe, rig.result.home_set) == (False,) * 3, "STW1.11 has stayed 1"
+    rig.positioner.latch(None)
+    rig.step(homing=False)
+    rig.step(homing=True)
+    assert rig.positioner.armed
+
+
 def test_tracking_needs_no_task() -> None:
     rig = PositionerRig()
     rig.step(2, tracking=True)

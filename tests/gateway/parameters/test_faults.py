@@ -152,6 +152,7 @@ def test_nothing_that_restarts_the_drive_is_done_in_operation() -> None:
         with exchanging(plc):
             for pnu, content in ((922, 9), (970, 1), (972, 1), (972, 2), (976, 1)):
                 assert error(write(client, pnu, word(content))) == Number.NOT_EXECUTABLE_IN_STATE, pnu
+            assert not write(client, 972, word(0)).failed, "no reset"
         assert plc.state() == 0x07
 
 

@@ -230,6 +230,10 @@ def test_strings_arrays_and_limits(shared: tuple[Daemon, ParameterClient]) -> No
     assert value(client, 0x607B, 1, 2).values == (-500000, 500000)
     assert error(value(client, 0x607B, 1, 3)) == Number.FAULTY_SUBINDEX
     assert value(client, 0x607B, 1, 3).values == (Number.FAULTY_SUBINDEX, 3)
+    assert value(client, 0x607B, 0x100, 1).values == (Number.FAULTY_SUBINDEX,)
+    assert value(client, 0x607B, 0x100, 2).values == (Number.FAULTY_SUBINDEX, 0x100)
+    limits = Values(DataType.INTEGER32, (0, 0))
+    assert write(client, 0x607B, limits, 0x100, 2).values == (Number.FAULTY_SUBINDEX, 0x100)
     assert value(client, 0x1018, 0, 2).values == (Number.ADDRESS_IMPERMISSIBLE, 1), "u8 and u32 together"
     assert error(write(client, 0x6083, Values(DataType.DOUBLE_WORD, (0,)))) == Number.LIMIT_EXCEEDED
     assert error(write(client, 0x6083, word(5))) == Number.INCORRECT_DATA_TYPE

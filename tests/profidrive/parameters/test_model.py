@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.catalogue import ParameterSpec, Scope
 from pdgw.profidrive.parameters.codec import (
     MAX_ELEMENTS,
@@ -325,15 +326,35 @@ def test_identifier_and_number_of_elements(pnu: int, identifier: int, count: int
     texts=st.booleans(),
     count=st.integers(0, 99),
     limits=st.tuples(st.integers(0, 1000), st.integers(0, 1000)),
+    reset_only=st.booleans(),
+    unit=st.none() | st.tuples(st.integers(0, 0xFF), st.integers(-0x80, 0x7F)),
 )
 def test_descriptions_round_trip(
-    data_type: DataType, array: bool, writable: bool, texts: bool, count: int, limits: tuple[int, int]
+    data_type: DataType,
+    array: bool,
+    writable: bool,
+    texts: bool,
+    count: int,
+    limits: tuple[int, int],
+    reset_only: bool,
+    unit: tuple[int, int] | None,
 ) -> None:
     low = -limits[0] if data_type.char.islower() else limits[0]
-    item = Description(data_type, "a name", array, count, writable, texts, low, limits[1])
+    item = Description(data_type, "a name", array, count, writable, texts, low, limits[1], reset_only, unit)
     whole = item.values(0).values
     assert isinstance(whole, bytes)
     assert Description.decode(whole) == item
+
+
+@pytest.mark.parametrize("size", [45, 47])
+def test_a_description_of_another_size_is_none(size: int) -> None:
+    with pytest.raises(ProfidriveError, match=f"'{size} bytes' is not allowed, expected 46 bytes"):
+        Description.decode(bytes(size))
+
+
+def test_name_of_a_description_has_16_ascii_characters() -> None:
+    whole = Description(DataType.UNSIGNED16, "Länge der längsten Achse").values(0).values
+    assert Description.decode(bytes(whole)).name == "L?nge der l?ngst"  # type: ignore[arg-type]
 
 
 # -- the fault buffer -------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from pdgw.ds301.emcy import GENERIC_ERROR
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import ChannelErrorType, DriveFault
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
-from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement, DriveWatch
+from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import FaultRead, NodeNotice, Notice, Outputs
 from tests.gateway.axis.supervision.test_stop_supervision import CYCLE, QUICK_STOP, REACTION, turning, without_reaction
@@ -148,6 +148,27 @@ def test_loss_of_control_needs_control_before() -> None:
         hand(OFF, status)
     assert not hand.stepper.events
     assert not hand.stepper.machine.outputs.warning
+
+
+def test_what_a_node_reports_is_logged_but_for_faults_and_what_follows_them() -> None:
+    outputs = Outputs(2, None)
+    watch = NodeWatch(outputs, proven=True)
+    for what, text, code, register in (
+        (Notice.PROGRESS, "answers", 0, 0),
+        (Notice.REFUSED, "refused", 0, 0),
+        (Notice.PROGRESS, "refused, answers", 0, 0),
+        (Notice.ONLINE, "online", 0, 0),
+        (Notice.ABSENT, "absent", 0, 0),
+        (Notice.PROGRESS, "absent, answers", 0, 0),
+        (Notice.ONLINE, "online again", 0, 0),
+        (Notice.EMERGENCY, "one error ended", 0, 1),
+        (Notice.EMERGENCY, "no error", 0, 0),
+    ):
+        watch.process(NodeNotice(what, text, 1, code, register))
+    watch.restart_asked()
+    watch.process(NodeNotice(Notice.BOOT, "boot-up", 1))
+    logged = ("answers", "online", "online again", "one error ended", "no error", "restarts, as commanded: boot-up")
+    assert outputs.happened().log_lines == [f"node {text}" for text in logged]
 
 
 def test_emcy_that_comes_again_after_the_acknowledge_is_a_new_fault() -> None:
