@@ -6,16 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.dsp402.drive.images import DriveFeedback
-from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
-from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
+from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
+from pdgw.dsp402.states import ControlBit, State
+from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
-from pdgw.peers.drive.objects import TURNTABLE
 from tests.gateway.axis.test_positioning import MDI_ACTIVE, STOPPED, axis, home, position, task
 from tests.support.axis.hand import OFF, ON, OPERATING
-from tests.support.axis.stepper import Stepper
 from tests.support.axis.tasks import (
     ACTIVATE,
     FAST,
@@ -136,9 +133,6 @@ def test_relative_task_beyond_the_object_resumes_to_its_limit() -> None:
 # -- edges while braking, repeated homing, tasks at the end of the number range -----------------------------------
 
 
-RAMPS = {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
-
-
 @pytest.mark.parametrize("withheld", [REJECT, INTERMEDIATE])
 def test_an_edge_latched_while_braking_does_not_start_while_bit_4_or_5_is_0(withheld: int) -> None:
     rig = axis()
@@ -210,36 +204,19 @@ def test_repeated_homing_waits_for_its_own_method() -> None:
 @pytest.mark.parametrize("modulo", [False, True])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_relative_task_at_the_end_of_the_number_range_resumes_within_it(modulo: bool, direction: int) -> None:
-    stepper = Stepper(9, AxisSettings(modulo_axis=modulo))
-    stepper.set_references(replace(References(), position_min=-(1 << 31) + 1, position_max=(1 << 31) - 1))
-    feedback = DriveFeedback()
-    mode = TURNTABLE.mode if modulo else Mode.POSITION
-    feedback.modes_of_operation_display = mode
-    feedback.position_actual = direction * ((1 << 31) - 10)
-    half = stepper.telegram.setpoints
-    data = {"SATZANW": 0x8000, "MDI_TARPOS": direction * (1 << 29), "MDI_VELOCITY": 1 << 30, **RAMPS}
-
-    def step(word: int, state: State, bits: int = 0) -> int:
-        feedback.statusword = STATUS_OF[state] | bits
-        stepper.step(half.from_dict({**data, "STW1": word}), feedback, True, 1)
-        command = stepper.command
-        assert -(1 << 31) <= command.target_position < 1 << 31
-        return command.controlword
-
-    acknowledged = StatusBit.MODE_12
-    step(ON & ~1, State.SWITCH_ON_DISABLED)
-    step(ON, State.READY_TO_SWITCH_ON)
-    step(ON, State.SWITCHED_ON)
-    step(ON, State.OPERATION_ENABLED)
-    assert step(ON | ACTIVATE, State.OPERATION_ENABLED) & ControlBit.NEW_SETPOINT
-    step(ON, State.OPERATION_ENABLED, acknowledged)
-    step(ON, State.OPERATION_ENABLED)
-    assert step(ON & ~INTERMEDIATE, State.OPERATION_ENABLED) & ControlBit.HALT
-    words = [step(ON, State.OPERATION_ENABLED) for _ in range(4)]
-    assert any(word & ControlBit.NEW_SETPOINT for word in words)
+    hand = positioning(modulo_axis=modulo)
+    hand.stepper.set_references(References(position_min=-(1 << 31) + 1, position_max=(1 << 31) - 1), 35)
+    hand.feedback.position_actual = direction * ((1 << 31) - 10)
+    hand.enable()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=direction * (1 << 29), MDI_MOD=0) & NEW_SETPOINT
+    assert -(1 << 31) <= hand.target < 1 << 31
+    hand(ON, OPERATING | TAKEN)
+    hand(ON)
+    assert hand(ON & ~INTERMEDIATE) & HALT
+    assert any(hand(ON) & NEW_SETPOINT for _ in range(4))
     # The way that is left, or to the end of the range.
     end = (1 << 31) - 1 if direction > 0 else -(1 << 31)
-    assert stepper.command.target_position == (direction * (1 << 30) if modulo else end)
+    assert hand.target == (direction * (1 << 30) if modulo else end)
 
 
 def test_a_negative_velocity_is_limited_to_0_and_counted() -> None:
@@ -264,39 +241,25 @@ def test_row_homing_running_and_finished_aktsatz_15_keeps_its_value() -> None:
 
 
 def test_old_attempt_does_not_shorten_the_time_for_a_mode_change() -> None:
-    stepper = Stepper(9, AxisSettings())
-    stepper.set_references(References())
-    feedback = DriveFeedback()
-    feedback.modes_of_operation_display = Mode.VELOCITY
-    half = stepper.telegram.setpoints
-    second = 1_000_000_000
-
-    def step(word: int, state: State, now: int) -> None:
-        feedback.statusword = STATUS_OF[state]
-        stepper.step(
-            half.from_dict({"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, **RAMPS, "STW1": word}), feedback, True, now
-        )
-
-    for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
-        step(word, state, 1)
-    step(ON, State.OPERATION_ENABLED, 2)
-    step(ON | ACTIVATE, State.OPERATION_ENABLED, 3)
-    assert stepper.reason is Reason.MODE_NOT_CONFIRMED
-    step(ON & ~2, State.OPERATION_ENABLED, 4)
-    step(ON & ~1, State.SWITCH_ON_DISABLED, 10 * second)
-    step(ON, State.READY_TO_SWITCH_ON, 10 * second)
-    step(ON, State.SWITCHED_ON, 10 * second)
-    step(ON, State.OPERATION_ENABLED, 10 * second)
-    step(ON | ACTIVATE, State.OPERATION_ENABLED, 10 * second + 1)
-    assert not stepper.events
-    for cycle in range(2, 5):
-        step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + cycle)
-        assert stepper.numbers == [110], "reported once while it is present"
-        assert stepper.warning
-        assert stepper.reason is Reason.MODE_KEPT
-    feedback.modes_of_operation_display = Mode.POSITION
-    step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + 5)
-    assert stepper.reason is None
+    confirm = MODE_CONFIRM_NS // 4_000_000
+    hand = positioning().enable()
+    hand.mode = Mode.VELOCITY
+    hand(ON | ACTIVATE)
+    assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+    for _ in range(2 * confirm):
+        hand(OFF2, State.SWITCH_ON_DISABLED)
+    hand.enable()
+    for _ in range(confirm):
+        hand(ON | ACTIVATE)
+        assert not hand.stepper.events
+    for _ in range(3):
+        hand(ON | ACTIVATE)
+        assert hand.stepper.numbers == [110], "reported once while it is present"
+        assert hand.stepper.warning
+        assert hand.stepper.reason is Reason.MODE_KEPT
+    hand.mode = Mode.POSITION
+    hand(ON | ACTIVATE)
+    assert hand.stepper.reason is None
 
 
 def test_restart_of_the_drive_clears_its_home_position() -> None:
