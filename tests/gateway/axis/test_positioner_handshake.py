@@ -115,16 +115,6 @@ def test_setting_up_replaces_a_setpoint_that_the_drive_has_not_acknowledged() ->
     assert hand.target == 8192, "not the target of the first task again"
 
 
-def test_a_task_that_waits_for_a_dropped_setpoint_is_given_after_the_time() -> None:
-    hand = positioner().enable()
-    hand.task(4096, relative=True)
-    hand(ON)
-    assert edges([hand.task(2048)]) == 1, "still that of the first"
-    words = [hand(ON | ACTIVATE) for _ in range(ACKNOWLEDGE_NS // 4_000_000 + 10)]
-    assert edges(words) == 2
-    assert hand.target == 2048
-
-
 @pytest.mark.parametrize("way", ["override", "continuous update"])
 def test_a_dropped_setpoint_is_not_repeated_for_the_same_task(way: str) -> None:
     hand = positioner().enable()
@@ -205,15 +195,6 @@ def test_setpoint_after_a_withdrawn_one_has_its_own_data(word: int) -> None:
         assert not hand(ON) & NEW_SETPOINT
     assert not hand.task(8192) & (HALT | NEW_SETPOINT), "Halt falls alone"
     assert hand(ON | ACTIVATE) & NEW_SETPOINT
-    assert hand.target == 8192
-
-
-def test_a_setpoint_comes_after_one_that_the_drive_has_not_taken_in_time() -> None:
-    hand = positioner().enable()
-    hand.task(4096)
-    hand(ON & ~INTERMEDIATE)
-    words = [hand.task(8192) & NEW_SETPOINT for _ in range(hand.latency - 1)]
-    assert words == [0] * (hand.latency - 2) + [NEW_SETPOINT]
     assert hand.target == 8192
 
 

@@ -167,17 +167,6 @@ def test_homing_during_an_intermediate_stop_replaces_the_task() -> None:
     assert position(rig) == 0
 
 
-def test_homing_commanded_while_braking_starts_at_standstill() -> None:
-    rig = axis()
-    task(rig, 200_000)
-    rig.step(50)
-    rig.values["STW1"] = ON & ~REJECT
-    rig.step(2)
-    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON | HOMING}
-    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0800))
-    assert position(rig) == 0
-
-
 def test_repeated_homing_waits_for_its_own_method() -> None:
     """The answer to the first writes must not count for the second: the axis would home in the wrong direction."""
     rig = axis()

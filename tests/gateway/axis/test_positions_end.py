@@ -182,8 +182,8 @@ def test_homing_at_standstill_without_an_end_has_a_reason(make: Make) -> None:
     assert hand.stepper.reason is Reason.HOMING_STALLED
 
 
-def test_edge_of_a_task_while_the_axis_brakes_is_not_shown_as_reached() -> None:
-    hand = running(positioner)
+def test_edge_of_a_task_while_the_axis_brakes_is_not_shown_as_reached(make: Make) -> None:
+    hand = running(make)
     hand(ON & ~REJECT)
     hand(ON)
     hand.feedback.velocity_actual = 0
@@ -203,16 +203,15 @@ def test_acknowledge_of_the_last_task_is_not_shown_for_the_next() -> None:
     assert hand.actuals["ZSW1"] & ACKNOWLEDGED
 
 
-def test_late_acknowledge_of_the_first_task_is_not_shown_for_the_second() -> None:
-    hand = positioning().enable()
+def test_late_acknowledge_of_the_first_task_is_not_shown_for_the_second(hand: TaskHand) -> None:
     for word in (ON | ACTIVATE, ON, ON, ON | ACTIVATE):
         hand(word)
     hand(ON | ACTIVATE, OPERATING | TAKEN)
     assert not hand.actuals["ZSW1"] & ACKNOWLEDGED
 
 
-def test_edge_of_homing_while_the_axis_brakes_starts_at_standstill() -> None:
-    hand = running(positioner)
+def test_edge_of_homing_while_the_axis_brakes_starts_at_standstill(make: Make) -> None:
+    hand = running(make)
     hand(ON & ~REJECT)
     hand(ON)
     hand(ON | HOMING)

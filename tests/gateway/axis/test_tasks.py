@@ -188,6 +188,23 @@ def test_reached_of_the_task_before_does_not_end_a_relative_task(hand: TaskHand)
     assert hand.actuals["ZSW1"] & ZSW1_REACHED, "such a short way may leave SW.10"
 
 
+def test_a_task_that_waits_for_a_dropped_setpoint_is_given_after_the_time(hand: TaskHand) -> None:
+    hand.task(4096, relative=True)
+    hand(ON)
+    assert edges([hand.task(2048)]) == 1, "still that of the first"
+    words = [hand(ON | ACTIVATE) for _ in range(LATE + 10)]
+    assert edges(words) == 2
+    assert hand.target == 2048
+
+
+def test_a_setpoint_comes_after_one_that_the_drive_has_not_taken_in_time(hand: TaskHand) -> None:
+    hand.task(4096)
+    hand(ON & ~INTERMEDIATE)
+    words = [hand.task(8192) & NEW_SETPOINT for _ in range(hand.latency - 1)]
+    assert words == [0] * (hand.latency - 2) + [NEW_SETPOINT]
+    assert hand.target == 8192
+
+
 # -- homing -------------------------------------------------------------------------------------------------------------
 
 
