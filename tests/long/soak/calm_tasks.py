@@ -102,7 +102,8 @@ class Program:
 
     def shown(self, name: str) -> int:
         """An actual value of the PLC; 0 without one."""
-        return self.of.plc.value(name) or 0
+        values = self.of.plc.actuals[0]
+        return 0 if values is None else values[name]
 
     def wait(self, name: str, bits: int, *, gone: bool = False) -> None:
         """Wait until a status word has these bits, or none of them."""

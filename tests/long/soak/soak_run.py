@@ -315,8 +315,9 @@ class SoakRun:
         self.loop.sleep(_FOLLOW_WORD_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self.cycle_ns)
 
     def _shown(self, axis: SoakAxis) -> int | None:
-        """ZSW1 if the telegram has it."""
-        return None if axis.words.raw else self.plc.value("ZSW1", axis.index)
+        """ZSW1 if the telegram has it and it is valid."""
+        word = -1 if axis.words.raw else self.plc.value("ZSW1", axis.index)
+        return None if word < 0 else word
 
     def ready(self, axis: SoakAxis) -> bool:
         if axis.words.raw:
