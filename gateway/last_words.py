@@ -33,43 +33,38 @@ class LastWords:
         """How the last one ended; empty if that is unknown."""
         self.origins: dict[str, str] = document.get("origins", {})
         """What had stopped its drive objects, by DO-ID."""
+        self.find: Callable[[], dict[str, str]] = lambda: self.origins
+        """The same of this one."""
         self._file = _file(port)
-        self._kept = self.origins
-        self._find: Callable[[], dict[str, str]] = lambda: self._kept
 
     def keep(self, loop: Loop, find: Callable[[], dict[str, str]]) -> None:
-        """Write what stops the drive objects of this one within a second of a change: who is killed has no later time for it."""
-        self._find = find
+        """Write what stops the drive objects within a second of a change: who is killed has no later time for it."""
+        self.find = find
 
-        def look() -> None:
-            if (found := find()) != self._kept:
-                self._kept = found
-                loop.offload(lambda: self.write(""))
-            loop.call_later(SECOND, look)
+        def look(before: dict[str, str] | None = None) -> None:
+            found = find()
+            if found != before:
+                loop.offload(lambda: self.write("", found))
+            loop.call_later(SECOND, lambda: look(found))
 
         look()
 
-    def write(self, text: str) -> None:
+    def write(self, text: str, origins: dict[str, str]) -> None:
         """``text``: how this gateway has ended, empty while it runs. A file that cannot be written is left out."""
         if self._file is None:
             return
         time = datetime.now().astimezone().isoformat(timespec="seconds")
         temporary = self._file.with_suffix(".new")
         with contextlib.suppress(OSError):
-            temporary.write_text(json.dumps({"time": time, "text": text, "origins": self._kept}), encoding="utf-8")
+            temporary.write_text(json.dumps({"time": time, "text": text, "origins": origins}), encoding="utf-8")
             temporary.replace(self._file)
-
-    def end(self, text: str) -> None:
-        """The gateway has ended."""
-        self._kept = self._find()
-        self.write(text)
 
 
 @contextlib.contextmanager
 def kept_last_words(port: int) -> Iterator[LastWords]:
     """Keep how the gateway with this status port ends. 0: it has none. Without a run directory nothing is kept."""
     words = LastWords(port)
-    words.write("")
+    words.write("", words.origins)
     text = "stopped as commanded"
     try:
         yield words
@@ -77,7 +72,7 @@ def kept_last_words(port: int) -> Iterator[LastWords]:
         text = str(error) if isinstance(error, PdgwError) else f"unexpected error: {error!r}"
         raise
     finally:
-        words.end(text)
+        words.write(text, words.find())
 
 
 def _file(port: int) -> Path | None:

@@ -163,12 +163,12 @@ class NodeClient(abc.ABC, Generic[S]):
         """Failures of the bus before the node came online."""
         self._jobs = Jobs()
         self._task: Task | None = None
-        self._receivers = (
+        self._receivers: list[tuple[int, Callable[[bytes, int], None]]] = [
             (NMT, self.heartbeat.commanded),
             (EMCY + settings.node_id, self._on_emcy),
             (ERROR_CONTROL + settings.node_id, self._on_heartbeat),
             (SDO_REQUEST + settings.node_id, self._on_other_request),
-        )
+        ]
         for direction in PdoDirection:
             for cob_id in direction.predefined(settings.node_id):
                 network.node_of_pdo(cob_id, settings.node_id)

@@ -12,7 +12,7 @@ from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
-from pdgw.dsp402.drive_type import DriveFault
+from pdgw.dsp402.drive_type import DriveFault, Scaling
 from pdgw.dsp402.objects import ABORT_OPTION, CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
 from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
@@ -77,7 +77,7 @@ class Axis(DriveObject):
         self.sign_of_life_tolerance = sign_of_life_failures
         """P925."""
         self.machine = self._make_machine(number)
-        self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
+        self._links: list[SensorLink | None] = [None, None]
         """The encoders that are G1 and G2."""
         self.units_witnessed: ConfirmedUnits | None = None
         """The stored result of the last axis test."""
@@ -103,8 +103,7 @@ class Axis(DriveObject):
     def connect_sensor(self, encoder: EncoderObject, place: int) -> None:
         """This encoder's channel is G1 (``place`` 0) or G2 (1)."""
         link = SensorLink(encoder, place, self.do_id)
-        first, second = self._links
-        self._links = (first, link) if place else (link, second)
+        self._links[place] = link
         link.connect(self.machine)
 
     @property
@@ -232,10 +231,15 @@ class Axis(DriveObject):
         return self.good and self.machine.usable and not self.machine.inputs.standstill
 
     @property
+    def scaling(self) -> Scaling:
+        """100 % of its quantities; everything is unknown before its drive was read."""
+        drive_type = self.drive.drive_type
+        return Scaling() if drive_type is None else drive_type.scaling
+
+    @property
     def speed_setpoint_rpm(self) -> float | None:
         """The speed setpoint of the PLC; None without one, or while 100 % of the drive is unknown."""
-        drive_type = self.drive.drive_type
-        rated = drive_type.scaling.rated_speed_rpm if drive_type is not None else None
+        rated = self.scaling.rated_speed_rpm
         for item, raw in zip(self.telegram.setpoints.signals, self.machine.inputs.setpoints or (), strict=False):
             percent = item.percent(raw) if item.quantity is SignalQuantity.SPEED else None
             if percent is not None and rated is not None:
@@ -264,9 +268,9 @@ class Axis(DriveObject):
         return origin if follows and (own is None or not own.record.is_explained) else own
 
     @property
-    def encoders(self) -> tuple[EncoderObject | None, ...]:
+    def encoders(self) -> list[EncoderObject | None]:
         """The encoders that are G1 and G2; None for a position of the drive."""
-        return tuple(None if link is None else link.encoder for link in self._links)
+        return [None if link is None else link.encoder for link in self._links]
 
     @property
     def withholds_heartbeat(self) -> bool:
@@ -299,7 +303,7 @@ class Axis(DriveObject):
     @property
     def sensor_formats(self) -> tuple[SensorFormat, ...]:
         """P979: what G1 and, where there is one, G2 is."""
-        first, second = self._links
+        first, second = self.encoders
         formats = (self._own_format if first is None else first.sensor_format,)
         if self.machine.second_sensor is None:
             return formats
@@ -308,8 +312,7 @@ class Axis(DriveObject):
     @property
     def _own_format(self) -> SensorFormat:
         """The drive's own position, counted from power-on; not valid while the units of a revolution are unknown."""
-        drive = self.drive.drive_type
-        counts = drive.scaling.counts_per_revolution if drive is not None else None
+        counts = self.scaling.counts_per_revolution
         if counts is None or counts.denominator != 1:
             return SensorFormat(0, turns=0, xist1_absolute=False, validity_static=False, valid=False)
         return SensorFormat(counts.numerator, turns=0, xist1_absolute=False)

@@ -254,7 +254,7 @@ class DriveObject(abc.ABC):
         self.log_state(enable_status)
         if shown is not self._shown_reason:
             text = untimed(enable_status.text)  # a happening has its own time
-            self._happened(text, stops=self._operated and shown is not None)
+            self._happened(text, stops=self._operated)
             self._operated = shown is None
             self._shown_reason = shown
             cause = {"event": "reason", "do": self.do_id, "reason": "" if shown is None else shown.name}

@@ -221,10 +221,10 @@ class _Chain:
         origin, severe = self.item.origins.present, self.item.origins.severe
         if severe is None:
             return
-        text = self.since(severe)
+        text, remedy = _fault_texts(self.item, severe, acknowledge)
         if origin is not None and origin.number not in (0, severe.number) and origin.first_ns <= severe.first_ns:
             text = f"{self.since(origin)}; then: {severe.evidence}"
-        self.breaks(Reason.SEVERE_FAULT, text, f"{severe.remedy}; {acknowledge}")
+        self.breaks(Reason.SEVERE_FAULT, text, remedy)
         self._links = {Enable.NO_FAULT: self._links.pop(Enable.NO_FAULT)} | self._links
 
     def since(self, origin: Origin) -> str:
@@ -437,8 +437,7 @@ def _check_latch(chain: _Chain, axis: Axis) -> None:
 
 def _frozen_text(axis: Axis) -> str:
     """Evidence of a ramp that STW1.5 = 0 has stopped."""
-    drive_type, target = axis.drive.drive_type, axis.machine.outputs.command.target_velocity
-    per_rpm = drive_type.scaling.velocity_per_rpm if drive_type is not None else None
+    per_rpm, target = axis.scaling.velocity_per_rpm, axis.machine.outputs.command.target_velocity
     held = f"{float(target / per_rpm):g} rpm" if per_rpm else f"60FFh = {target}"
     setpoint = axis.speed_setpoint_rpm
     ignored = "" if setpoint is None else f", setpoint {setpoint:.4g} rpm not followed"

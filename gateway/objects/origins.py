@@ -96,7 +96,16 @@ class Origins:
         if present is not None and present.count and present.number == record.number:
             present.count += 1
             present.last_ns = record.time_ns
-        elif present is None or present.number in (0, record.number) or _explains(record, present):
+        elif (
+            present is None
+            or present.number in (0, record.number)
+            # The device says why it left operation, before or shortly after that.
+            or (
+                present.number == FaultNumber.LEFT_OPERATION
+                and record.of_device
+                and record.time_ns - present.first_ns < EMERGENCY_PATIENCE_NS
+            )
+        ):
             self.present = Origin.of(record, by)
 
     def released(self, now: int) -> None:
@@ -110,9 +119,3 @@ class Origins:
         if self.present is not None and self.present.number:
             self.present.count = 0
             self.present.number = 0
-
-
-def _explains(record: FaultRecord, present: Origin) -> bool:
-    """Whether the device says why it left operation, before or shortly after that."""
-    left = present.number == FaultNumber.LEFT_OPERATION and record.of_device
-    return left and record.time_ns - present.first_ns < EMERGENCY_PATIENCE_NS

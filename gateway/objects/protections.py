@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
-from pdgw.dsp402.drive_type import Scaling
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.motion.requests import Command
@@ -44,8 +43,8 @@ def _of(name: str, detail: str, *lacks: str, known: bool = True) -> Protection:
 
 def protections(axis: Axis) -> list[Protection]:
     """Those of an axis after its last step, or before its first one."""
-    drive, machine, guarding = axis.drive.drive_type, axis.machine, axis.drive.guarding
-    known, scaling = drive is not None, Scaling() if drive is None else drive.scaling
+    machine, guarding, scaling = axis.machine, axis.drive.guarding, axis.scaling
+    known = axis.drive.drive_type is not None
     found = list(_of_positions(axis))
     refusal, stopped_by = ("", "") if guarding is None else (guarding.refusal, guarding.text)
     text = f"if the gateway dies, the drive is stopped by {stopped_by}"

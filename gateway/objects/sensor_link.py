@@ -16,7 +16,6 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import News, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.gateway.objects.drive_object import log
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.profidrive.measuring import SensorFormat
 
 # Touch probe of a drive, by SDO: arm it, poll it, read the latched value (``Outputs.probe``).
 #
@@ -70,28 +69,19 @@ class ProbeReader:
             self._news.append(ProbeAnswer(wish, read))
         elif not touch_probe.enabled_bits(status):
             self._ended = True
-            self._news.append(dropped(wish, status))
+            text = f"60B9h = {status:04X}h: the drive has disabled the touch probe"
+            self._news.append(ProbeAnswer(wish, {}, text))
 
     def _failed(self, error: BaseException) -> None:
         wish, self._ended = self._wish, True
         if wish is None:
             return  # the probe could not be disabled: no client waits for the answer
         if isinstance(error, SdoAbortedError):
-            self._news.append(refused(wish, error.code))
+            self._news.append(ProbeAnswer(wish, {}, abort_text(error.code), error.code not in NOT_THERE))
         else:
             # No answer, or one that canopen unpacks without checks: it must not end the exchange.
             _log.warning("touch probe of node %d: %r", self._drive.settings.node_id, error)
             self._news.append(ProbeAnswer(wish, {}, str(error)))
-
-
-def dropped(wish: ProbeWish, status: int) -> ProbeAnswer:
-    """60B9h shows neither a position nor that the probe is enabled."""
-    return ProbeAnswer(wish, {}, f"60B9h = {status:04X}h: the drive has disabled the touch probe")
-
-
-def refused(wish: ProbeWish, abort: int) -> ProbeAnswer:
-    """The drive has aborted an SDO of its touch probe."""
-    return ProbeAnswer(wish, {}, abort_text(abort), abort not in NOT_THERE)
 
 
 def _arm(drive: DriveClient, function: int) -> None:
@@ -114,11 +104,6 @@ class SensorLink:
         self._parameters: object = None
         self._preset: SdoWrite | None = None
         self._future: Future[None] | None = None
-
-    @property
-    def sensor_format(self) -> SensorFormat:
-        """P979: what the encoder is."""
-        return self.encoder.sensor_format
 
     def connect(self, machine: AxisMachine) -> None:
         """The encoder is a sensor of this machine from now on."""

@@ -11,7 +11,8 @@ from typing import Any, Final
 from pdgw.gateway.objects.enable_chain import untimed
 from pdgw.gateway.reasons import AxisState, Reason
 
-_FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
+_OBEYS: Final = AxisState.OBEYS.name
+_FINE: Final = (_OBEYS, AxisState.OFF.name)
 """States that need no action."""
 _ORDER: Final = tuple(state.name for state in reversed(AxisState))
 """Order of the states, the worst first."""
@@ -31,14 +32,12 @@ def causes(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     for item in items:
         if (text := together.get(item["do_id"])) is not None:
             groups.setdefault(text, []).append(item | {"reason": text, "remedy": _SHARED})
-        elif item["state_id"] not in _FINE or (item["reason_id"] and (_obeys(item) or item["cause"] is not None)):
+        elif item["state_id"] not in _FINE or (
+            item["reason_id"] and (item["state_id"] == _OBEYS or item["cause"] is not None)
+        ):
             groups.setdefault(_key(item), []).append(item)
     found = [_cause(members) for members in groups.values()]
     return sorted(found, key=lambda cause: (_ORDER.index(cause["state_id"]), -len(cause["objects"])))
-
-
-def _obeys(item: dict[str, Any]) -> bool:
-    return bool(item["state_id"] == AxisState.OBEYS.name)
 
 
 def _lost_together(items: Sequence[dict[str, Any]]) -> dict[int, str]:

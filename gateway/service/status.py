@@ -144,8 +144,7 @@ def rated_speed(item: Axis | EncoderObject) -> Rated | None:
     """100 % of the speeds of its telegram; None if unknown."""
     if isinstance(item, EncoderObject):
         return Rated(float(item.config.reference_speed), item.config.speed_unit)
-    drive_type = item.drive.drive_type
-    rpm = drive_type.scaling.rated_speed_rpm if drive_type is not None else None
+    rpm = item.scaling.rated_speed_rpm
     return Rated(float(rpm), "rpm") if rpm else None
 
 
@@ -169,7 +168,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         feedback.position_actual if "position_actual" in mapped else None,
         scaling.position_unit if scaling else None,
     )
-    per_rpm = scaling.velocity_per_rpm if scaling else None
+    per_rpm = axis.scaling.velocity_per_rpm
     rpm = round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None
     values = {
         "velocity": velocity,
