@@ -23,17 +23,18 @@ from pdgw.tools.web.server.guard import Token
 from pdgw.tools.web.server.server import listen
 from pdgw.tools.web.status import feed
 from pdgw.tools.web.status.feed import Document
-from pdgw.tools.web.status.watch import Watch
+from pdgw.tools.web.status.watch import StatusPort, Watch
 from pdgw.tools.web.support import RequestError
 from tests.support.buses import PATIENCE_S
 
 TOKEN = "a token of more than sixteen characters"
 
 
-class ShownGateway:
+class ShownGateway(StatusPort):
     """Answers with what was shown last; ``failure``: it does not answer."""
 
     def __init__(self) -> None:
+        super().__init__(0)
         self.document: Document = {}
         self.histories: dict[int, list[Document]] = {}
         self.happened: dict[int | None, list[Document]] = {}
@@ -48,6 +49,12 @@ class ShownGateway:
         self.happened[None] = explanation(daemon, daemon.objects)
         self.document = json.loads(json.dumps(snapshot(daemon)))
         self.told = list(events_after(daemon, 0))
+
+    def add_event(self, do_id: int, text: str) -> None:
+        """One more event."""
+        number = self.told[-1]["number"] + 1
+        self.told.append(self.told[-1] | {"number": number, "kind": "reason", "do_id": do_id, "text": text})
+        self.document["last_event"] = number
 
     def status(self) -> Document:
         self.asked += 1

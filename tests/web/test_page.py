@@ -326,7 +326,7 @@ def test_stream_continues_after_the_last_received_event(turning: Turning) -> Non
 
 
 def test_event_log_drops_the_oldest_and_resumes_after_a_restart() -> None:
-    log = Lines(5000)
+    log = Lines(4999)
     for number in range(KEPT + 10):
         log.add("t", "plc", None, str(number))
     assert [event.id for event in log.after(0)] == list(range(5010, 5010 + KEPT))

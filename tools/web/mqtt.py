@@ -30,7 +30,6 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.web.status.events import Event
 from pdgw.tools.web.status.feed import Document
 from pdgw.tools.web.status.watch import Watch, log
 
@@ -149,11 +148,8 @@ class Publisher:
             for item in items:
                 self._publish(f"{self._base}/{kind}/{item['do_id']}/state", object_message(item))
         for event in self._watch.log.after(self._last_event):
-            self._event(event)
-
-    def _event(self, event: Event) -> None:
-        self._client.publish(f"{self._base}/event", json.dumps(asdict(event)), _QOS)
-        self._last_event = event.id
+            self._client.publish(f"{self._base}/event", json.dumps(asdict(event)), _QOS)
+            self._last_event = event.id
 
     def _publish(self, topic: str, text: str) -> None:
         if self._published.get(topic) != text:

@@ -43,16 +43,11 @@ class Event:
 
 
 class EventLog:
-    """The last thousand; ``first_id`` is above every number of an earlier process."""
+    """The last thousand. ``newest``: at least the last number of each earlier process, then that of the last event."""
 
-    def __init__(self, first_id: int) -> None:
+    def __init__(self, newest: int) -> None:
         self._events: deque[Event] = deque(maxlen=KEPT)
-        self._next = first_id
-
-    @property
-    def newest(self) -> int:
-        """The last number."""
-        return self._next - 1
+        self.newest = newest
 
     def add(self, time: str, kind: str, do_id: int | None, text: str) -> None:
         """Number it and keep it. What repeats takes the place of the older line, with a count."""
@@ -63,12 +58,12 @@ class EventLog:
                 count, since = known.count + 1, known.since
                 self._events.remove(known)
                 break
-        self._events.append(Event(self._next, time, kind, do_id, text, count, since))
-        self._next += 1
+        self.newest += 1
+        self._events.append(Event(self.newest, time, kind, do_id, text, count, since))
 
     def after(self, number: int) -> list[Event]:
         """Events with a higher number, the oldest first. An unknown number gets all."""
-        if number >= self._next:
+        if number > self.newest:
             number = 0
         found: list[Event] = []
         for event in reversed(self._events):

@@ -6,7 +6,6 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from typing import Protocol
 
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, frame_bits
 from pdgw.durations import MS_PER_SECOND
@@ -65,45 +64,33 @@ class BusLoads:
         self._since = (uptime, counts)
 
 
-class Gateway(Protocol):
-    """Requests to a gateway, on a thread; GatewayError when it does not answer."""
-
-    def status(self) -> Document:
-        """``gateway.service.status.snapshot``."""
-
-    def events(self, number: int) -> list[Document]:
-        """Its events after this number, the oldest first."""
-
-    def faults(self, do_id: int) -> list[Document]:
-        """All its faults of a drive object."""
-
-    def explanation(self, do_id: int | None) -> list[Document]:
-        """The lines around the last fault or stop, of a drive object or of all."""
-
-
 class StatusPort:
-    """A gateway on this machine, by its status port."""
+    """A gateway on this machine, by its status port. Requests run on a thread; GatewayError when it does not answer."""
 
     def __init__(self, port: int) -> None:
         self._port = port
 
     def status(self) -> Document:
+        """``gateway.service.status.snapshot``."""
         return fetch(self._port, ANSWER_WITHIN_S)
 
     def events(self, number: int) -> list[Document]:
+        """Its events after this number, the oldest first."""
         return fetch_events(self._port, number, ANSWER_WITHIN_S)
 
     def faults(self, do_id: int) -> list[Document]:
+        """All its faults of a drive object."""
         return fetch_faults(self._port, do_id, ANSWER_WITHIN_S)
 
     def explanation(self, do_id: int | None) -> list[Document]:
+        """The lines around the last fault or stop, of a drive object or of all."""
         return fetch_explanation(self._port, do_id, ANSWER_WITHIN_S)
 
 
 class Watch:
     """One gateway."""
 
-    def __init__(self, config: GatewayConfig, gateway: Gateway) -> None:
+    def __init__(self, config: GatewayConfig, gateway: StatusPort) -> None:
         self.config = config
         self.log = EventLog(int(time.time() * MS_PER_SECOND))
         self.loads = BusLoads(config)
