@@ -6,6 +6,7 @@ The gateway runs in virtual time and the test advances it. The test waits for th
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -139,6 +140,8 @@ def test_home_shows_every_axis_changes_by_itself_and_greys_old_values(shown: Sho
     assert tab.locator("[data-do='2'] .lamps").get_attribute("title") == "Enables: missing: control by PLC"
     tab.wait_for_function("() => document.querySelector(\"[data-do='1'] .curve path\").getAttribute('d').includes('L')")
     assert tab.locator("[data-do]").count() == 3
+    standstill = str(tab.locator("[data-do='2'] .curve path").get_attribute("d"))
+    assert set(re.findall(r" ([\d.]+)", standstill)) == {"23.0"}, "a speed of 0 is at the bottom"
     shown.plc.endpoint.set(0, {"NSOLL_A": 0x1000})
     shown.until(lambda: shown.plc.value("NIST_A") == 0x1000, "a quarter of the speed")
     reads(tab, "[data-do='1'] [data-live]", "750 of 750 rpm")
@@ -287,11 +290,16 @@ def test_views_and_pages_of_files_are_accessible_fit_a_telephone_and_need_no_mou
     checks = (Check("axis 1", "ready", "ZSW1.READY = 1"), Check("axis 2", "speed", "NIST_A = 20", ("expected less",)))
     for number, file in enumerate(files[1:], 1):
         Report("a run", checks[:number], 'name = "line"').write(None, file)
+    drive_of(shown.daemon, 2).inject(7)
+    shown.until(lambda: shown.daemon.axes[1].faults, "fault")
     for scheme in ("light", "dark"):
         tab = shown.open(viewport=PHONE, color_scheme=scheme)
+        assert not tab.locator("[data-do='1'] [data-label=Position]").is_visible()
+        assert tab.locator("[data-do='3'] [data-label=Position]").is_visible()
         for view, text in (
             ("axes", "Axis 1"),
             ("axis/1", "From the PLC"),
+            ("axis/2", "over-current"),
             ("axis/3", "Encoder 3"),
             ("plc", "Result"),
             ("buses", "worst case planned"),
@@ -344,6 +352,8 @@ def test_views_and_pages_of_files_are_accessible_fit_a_telephone_and_need_no_mou
     assert tab.locator(".complaints li").count() == 1
     assert tab.locator(".tiles li").count() == 64
     reads(tab, ".tiles li", 'Axis 64 "slide"')
+    for number in range(1, 65):
+        shown.gateway.add_event(number, f"Waits: no PLC {number}")
     shown.go(tab, "#/events")
     reads(tab, "#main", "1 to 25 of")
     assert tab.locator(".events li").count() == 25
@@ -407,7 +417,7 @@ def test_parameters_are_read_and_events_filtered_on_request_and_texts_of_devices
     reads(tab, "tbody tr", "P922 Telegram 1")
 
     tab = shown.open("#/events")
-    reads(tab, ".events li", "In operation")
+    reads(tab, ".events li", "reason Axis 1 In operation")
     before = tab.locator(".events li").count()
     tab.get_by_label("Kind").select_option("plc")
     tab.wait_for_function("count => document.querySelectorAll('.events li').length < count", arg=before)
@@ -420,9 +430,7 @@ def test_parameters_are_read_and_events_filtered_on_request_and_texts_of_devices
     ]
     shown.gateway.document["axes"][0]["reason"] = script
     shown.gateway.histories[1] = shown.gateway.document["axes"][0]["faults"]
-    newest = shown.gateway.told[-1]
-    shown.gateway.told.append(newest | {"number": newest["number"] + 1, "kind": "fault", "do_id": 1, "text": script})
-    shown.gateway.document["last_event"] += 1
+    shown.gateway.add_event(1, script)
     for view in ("axes", "axis/1", "events"):
         shown.go(shown.tab, f"#/{view}")
         reads(shown.tab, "#main", script)

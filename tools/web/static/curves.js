@@ -19,14 +19,14 @@ export function keep(status, now) {
 export function curve(item) {
   const kept = samples.get(item.do_id) ?? [];
   const speeds = kept.map(([, speed]) => speed ?? 0);
-  const high = Math.max(0, ...speeds);
-  const span = Math.max(high - Math.min(0, ...speeds), (item.rated_speed ?? 100) / 100); // 1 %: noise stays flat
+  const low = Math.min(0, ...speeds);
+  const span = Math.max(Math.max(0, ...speeds) - low, (item.rated_speed ?? 100) / 100); // 1 %: noise stays flat
   const [newest, seconds] = [kept.at(-1)?.[0], Math.max(1, kept.at(-1)?.[0] - kept[0]?.[0])]; // less than a minute has the whole width
   let [path, before] = ["", -Infinity];
   for (const [time, speed] of kept) {
     if (speed === null) continue;
     const x = WIDTH * (1 - (newest - time) / seconds);
-    path += `${time - before < GAP_S ? "L" : "M"}${x.toFixed(1)} ${(1 + (HEIGHT - 2) * (high - speed) / span).toFixed(1)}`;
+    path += `${time - before < GAP_S ? "L" : "M"}${x.toFixed(1)} ${(HEIGHT - 1 - (HEIGHT - 2) * (speed - low) / span).toFixed(1)}`;
     before = time;
   }
   return html`<svg class="curve" viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} role="img" aria-label="Speed in the last minute"><path d=${path}/></svg>`;

@@ -27,6 +27,6 @@ export function about(state, draw) {
     <p><a class="button" href="/api/v1/support" download>Support file</a> Status, events, configuration and the last half minute of both buses in one file, for who helps you.</p>
     <h3>Configuration</h3>
     ${held.document ? html`<pre tabindex="0">${held.document.configuration}</pre>
-      <h3>Licences</h3><div class="scroll"><table><tbody>${held.document.licences.map((item) => html`<tr><td>${item.name}</td><td>${item.version}</td><td>${item.licence}</td></tr>`)}</tbody></table></div>`
+      <h3>Licences</h3><div class="scroll" tabindex="0"><table><tbody>${held.document.licences.map((item) => html`<tr><td>${item.name}</td><td>${item.version}</td><td>${item.licence}</td></tr>`)}</tbody></table></div>`
     : html`<p>${held.error || "..."}</p>`}`;
 }

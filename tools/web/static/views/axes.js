@@ -25,7 +25,7 @@ function row(state, item) {
     <td data-label="State">${stateWord(state, item)}</td>
     <td data-label="Enables" class="why">${lamps(item)} ${item.reason}</td>
     <td data-label="Speed" class="number"><span data-live>${speed(item)}</span>${curve(item)}</td>
-    <td data-label="Position" class="number" data-live>${position(item)}</td>
+    <td data-label="Position" class=${item.position === null ? "number none" : "number"} data-live>${position(item)}</td>
     <td data-label="Last fault">${lastFault(item)}</td>
   </tr>`;
 }

@@ -25,7 +25,7 @@ function one(status, bus) {
       <div><dt>Load, worst case planned</dt><dd>${percent(bus.load_planned)}</dd></div>
       <div><dt>Load, measured</dt><dd data-live>${percent(bus.load_measured, 1)}</dd></div>
     </dl>
-    <div class="scroll"><table>
+    <div class="scroll" tabindex="0"><table>
       <thead><tr><th>Node</th><th>State</th><th class="number">Last frame</th><th>Used by</th></tr></thead>
       <tbody>${nodes(status, bus).map((node) => html`<tr>
         <td>${node.node_id}</td>
@@ -34,7 +34,7 @@ function one(status, bus) {
         <td>${node.names.map((item) => html`<a href=${`#/axis/${item.do_id}`}>${objectName(item)}</a> `)}</td></tr>`)}
         ${bus.unconfigured.map((number) => html`<tr class="past"><td>${number}</td><td>? not in the configuration</td><td class="number">${DASH}</td><td></td></tr>`)}</tbody>
     </table></div>
-    <details><summary>Counters</summary><div class="scroll"><table>
+    <details><summary>Counters</summary><div class="scroll" tabindex="0"><table>
       <tbody>${counters.map((item) => html`<tr><td class="number" data-live>${integer(item.value)}</td><td>${item.part}: ${item.name.replaceAll("_", " ")} <small>${item.unit} ${item.meaning}</small></td></tr>`)}</tbody>
     </table></div></details>
   </section>`;

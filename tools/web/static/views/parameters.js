@@ -50,7 +50,7 @@ export function parameters(state, draw) {
       <a class="button" href=${`/api/v1/objects/${held.doId}/parameters/dump`} download>Save all as file</a>
     </form>
     <p role="alert" class="bad">${held.error}</p>
-    ${held.rows.length ? html`<div class="scroll"><table>
+    ${held.rows.length ? html`<div class="scroll" tabindex="0"><table>
       <thead><tr><th>DO</th><th>Parameter</th><th>Name</th><th class="number">Value</th><th>Unit</th><th>Says</th></tr></thead>
       <tbody>${held.rows.map((row) => html`<tr><td>${row.doId}</td><td>${row.parameter}</td><td>${row.name}</td>
         <td class="number">${row.value ?? ""}</td><td>${row.unit}</td><td class=${row.error ? "bad" : ""}>${row.meaning}</td></tr>`)}</tbody>

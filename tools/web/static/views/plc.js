@@ -39,7 +39,7 @@ export function plc(state) {
     ${link.refused ? html`<p class="banner bad" role="alert">${link.refused}</p>` : nothing}
     <dl class="facts">${rows.map(([name, value]) => html`<div><dt>${name}</dt><dd data-live>${value}</dd></div>`)}</dl>
     <h3>Frames</h3>
-    <div class="scroll"><table>
+    <div class="scroll" tabindex="0"><table>
       <thead><tr><th class="number">Frames</th><th>Result</th></tr></thead>
       <tbody>${[...slugs].sort((one, other) => order(one) - order(other)).map((item) => html`
         <tr class=${order(item) === 0 ? "told" : ""}><td class="number" data-live>${integer(item.value)}</td><td>${item.name.replaceAll("_", " ")}${item.meaning.toLowerCase() === item.name.replaceAll("_", " ") ? nothing : html` <small>${item.meaning}</small>`}</td></tr>`)}</tbody>

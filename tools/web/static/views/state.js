@@ -48,7 +48,7 @@ export function lastFault(item) {
 
 export function faultTable(faults) {
   if (!faults.length) return html`<p>None.</p>`;
-  return html`<div class="scroll"><table>
+  return html`<div class="scroll" tabindex="0"><table>
     <thead><tr><th>Time</th><th>Number</th><th>Text</th></tr></thead>
     <tbody>${faults.map((fault) => html`<tr>
       <td class="number">${moment(fault.time)}</td>
