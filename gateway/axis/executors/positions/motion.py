@@ -54,7 +54,7 @@ class _StoppedByHalt(enum.Enum):
 
     NONE = "none"
     STOPPED = "the drive may continue it when Halt falls"
-    ENDED = "Halt has fallen, at \"target reached\""
+    ENDED = 'Halt has fallen, at "target reached"'
     CONTINUED = "the drive turned again, or shows its target as not reached again (its brake opens): Halt stays"
 
 
