@@ -64,7 +64,7 @@ class _BusTap(FrameTap):
     def __init__(self, bus: int, blocks: list[bytes], times: list[int]) -> None:
         self._head = pcapng.CAN_HEAD.pack(pcapng.PACKET, _CAN_PACKET, bus)
         self._middles: dict[int, bytes] = {}
-        """By identifier and size: packing them anew takes longer."""
+        """By identifier and size: packing them for each frame takes longer."""
         self._blocks = blocks
         self._times = times
         self.wall = 0
