@@ -65,7 +65,7 @@ def build_text() -> str:
 
 # The numbers of axes and cycle times that each build was measured with, and whether a configuration is beyond them.
 #
-# The figures are in ``measured.toml``, from the measurements of ``docs/measured``.
+# The figures are in ``measured.toml``, from measurements with ``tests.long.bench exchange``.
 
 
 PATH: Final = Path(__file__).with_name("measured.toml")

@@ -139,9 +139,9 @@ BUDGET = {
     "peers": 62489,
     "beside": 1964,
     "tests/long": 67190,
-    "tests": 590375,
+    "tests": 590444,
     "*.c": 0,
-    "*.js": 1025,
+    "*.js": 1027,
     "*.toml": 1644,
 }
 """The code tokens that each room may have, ``gateway`` without its sub-packages; the lines that C, JavaScript and TOML may have.
