@@ -87,7 +87,7 @@ def test_unusable_answer_marks_data_old_and_polling_continues(error: Exception) 
             raise answer
         return answer
 
-    async def took(before: Document | None, document: Document) -> None:
+    async def took(document: Document) -> None:
         """Nothing to note."""
 
     async def run_clients() -> None:
@@ -109,7 +109,7 @@ def test_failing_listener_is_logged_and_blocks_no_other(caplog: pytest.LogCaptur
     async def ask() -> Document:
         return {}
 
-    async def took(before: Document | None, document: Document) -> None:
+    async def took(document: Document) -> None:
         """Nothing to note."""
 
     def broken() -> None:
