@@ -11,13 +11,15 @@ import json
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import SECOND
 from pdgw.errors import PdgwError
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.place import prepared, run_directories, run_directory
+
+if TYPE_CHECKING:  # the command line reads the last words without a loop
+    from pdgw.ds301.loop.loop import Loop
 
 
 def _name(port: int) -> str:

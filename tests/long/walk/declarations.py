@@ -96,7 +96,10 @@ OF: Final[dict[type, dict[str, Any]]] = {
         )
     },
     Acknowledgement: {"ASIDE": frozenset({"_until", "_seen"})},
-    DriveWatch: {"ASIDE": frozenset({"fault_began", "fault_since"}), "SUPERVISION": frozenset({"shown"})},
+    DriveWatch: {
+        "ASIDE": frozenset({"_unannounced", "fault_began", "fault_since"}),
+        "SUPERVISION": frozenset({"shown"}),
+    },
     AxisMachine: {"PASSING": frozenset({"in_fault"})},
     StopWatch: {
         "WHILE": ("limit", QUICK_STOPS),

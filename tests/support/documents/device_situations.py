@@ -222,7 +222,10 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "the drive is in fault from power-on, without an EMCY or a code": DeviceSituation(
         operates=False,
         spoil=_show_fault,
-        says=("Fault: Statusword 0008h shows a fault without an EMCY", "read the fault at the display of the device"),
+        says=(
+            "Fault: Statusword 0008h shows a fault (older than the connection)",
+            "read the fault at the display of the device",
+        ),
         lacks=("this code",),
         cure=_leave_fault,
     ),

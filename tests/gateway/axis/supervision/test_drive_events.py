@@ -165,7 +165,7 @@ def test_what_a_node_reports_is_logged_but_for_faults_and_what_follows_them() ->
         (Notice.EMERGENCY, "no error", 0, 0),
     ):
         watch.process(NodeNotice(what, text, 1, code, register))
-    watch.restart_asked()
+    watch.restart_asked = True
     watch.process(NodeNotice(Notice.BOOT, "boot-up", 1))
     logged = ("answers", "online", "online again", "one error ended", "no error", "restarts, as commanded: boot-up")
     assert outputs.happened().log_lines == [f"node {text}" for text in logged]
