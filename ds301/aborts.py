@@ -1,19 +1,17 @@
-"""SDO abort codes with their texts, and the errors of this package."""
+"""SDO abort codes with their texts, and the errors of this package.
+
+SDO abort codes: number and text, once. Source: CiA DS 301 V4.02 chapter 7.2.4.3.17.
+"""
 
 from __future__ import annotations
 
 import enum
 
-from pdgw.errors import ValueNotAllowedError
+from pdgw.base.errors import ValueNotAllowedError
 
 
 class CanopenError(ValueNotAllowedError):
     """A CANopen fault: names the field or object, the offending value and what would have been allowed."""
-
-
-# SDO abort codes: number and text, once.
-#
-# Source: CiA DS 301 V4.02 chapter 7.2.4.3.17.
 
 
 class Abort(enum.IntEnum):

@@ -1,4 +1,11 @@
-"""COB-IDs, NMT states and commands, and the communication objects (1000h-1FFFh)."""
+"""COB-IDs, NMT states and commands, and the communication objects (1000h-1FFFh).
+
+The pre-defined connection set: COB-IDs of the services of CiA 301, declared once. Those of PDOs are in ``ds301.pdo``. Source:
+CiA DS 301 V4.02 chapter 7.3.5. A base plus the node-ID is the COB-ID of that node's service. NMT states and commands, once.
+Source: CiA DS 301 V4.02 chapters 7.2.8.2 (commands) and 7.2.8.3.2 (states in the heartbeat). Communication objects
+(1000h-1FFFh) of every simulated device. Source: CiA DS 301 V4.01 chapter 9.6. A device profile adds its own identity values
+and PDO counts.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +16,6 @@ from typing import Final
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-
-# The pre-defined connection set: COB-IDs of the services of CiA 301, declared once. Those of PDOs are in ``ds301.pdo``.
-#
-# Source: CiA DS 301 V4.02 chapter 7.3.5. A base plus the node-ID is the COB-ID of that node's service.
-
 
 NODE_IDS: Final = range(1, 128)
 
@@ -28,11 +30,6 @@ SDO_REQUEST: Final = 0x600
 """Base: to the server."""
 ERROR_CONTROL: Final = 0x700
 """Base: heartbeat, boot-up and node guarding."""
-
-
-# NMT states and commands, once.
-#
-# Source: CiA DS 301 V4.02 chapters 7.2.8.2 (commands) and 7.2.8.3.2 (states in the heartbeat).
 
 
 HEARTBEAT_STATE: Final = 0x7F
@@ -66,11 +63,6 @@ class NmtCommand(enum.IntEnum):
     ENTER_PRE_OPERATIONAL = 128
     RESET_NODE = 129
     RESET_COMMUNICATION = 130
-
-
-# Communication objects (1000h-1FFFh) of every simulated device.
-#
-# Source: CiA DS 301 V4.01 chapter 9.6. A device profile adds its own identity values and PDO counts.
 
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST

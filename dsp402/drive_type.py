@@ -1,4 +1,14 @@
-"""The type of a drive as one value, its faults, and the error root of this package."""
+"""The type of a drive as one value, its faults, and the error root of this package.
+
+A manufacturer's fault numbers and their channel error types; the tables are in the overlays (``dsp402/families``).
+
+The type of a drive as one frozen value: objects with their limits, scaling, modes, homing methods, PDO capabilities, faults
+and quirks.
+
+Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). ``dsp402.identification.describe`` makes it from the data
+sheet, the answers of the device, the configuration and the overlay of its family (``dsp402.identification.overlay``).
+Executors read every difference between drives from here. Unknown values are refused by name, never assumed.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +26,6 @@ from pdgw.dsp402.modes import Mode
 
 class Dsp402Error(CanopenError):
     """A drive fault or unusable drive data: names the field, the value and what would have been allowed."""
-
-
-# A manufacturer's fault numbers and their channel error types; the tables are in the overlays (``dsp402/families``).
 
 
 class ChannelErrorType(enum.Enum):
@@ -44,14 +51,6 @@ class DriveFault:
     error_code: int
     error_register: int
     channel_error: ChannelErrorType
-
-
-# The type of a drive as one frozen value: objects with their limits, scaling, modes, homing methods, PDO capabilities, faults
-# and quirks.
-#
-# Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). ``dsp402.identification.describe`` makes it from the data
-# sheet, the answers of the device, the configuration and the overlay of its family (``dsp402.identification.overlay``).
-# Executors read every difference between drives from here. Unknown values are refused by name, never assumed.
 
 
 POSITIONS: Final = 1 << 32

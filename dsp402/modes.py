@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 from typing import Final
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 
 MODE_CONFIRM_NS: Final = SECOND
 """Longest time until 6061h shows the mode of 6060h; then the mode counts as not confirmed."""

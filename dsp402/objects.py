@@ -1,4 +1,15 @@
-"""The object catalogue of CiA 402 drives, and the indices of objects that are used by name."""
+"""The object catalogue of CiA 402 drives, and the indices of objects that are used by name.
+
+Indices of CiA 402 objects that are used by name. Objects with a value in an image are found by its attribute. Source: CiA
+402-2. The object catalogue of CiA 402 drives, declared once.
+
+Source: CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits come from the data sheet of a device
+(``dsp402.identification.describe``). A manufacturer's objects and special units are in the overlay of its family
+(``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and decoder use this table.
+
+Further objects of CiA 402: velocity mode, factor group, units, homing methods. Types and PDO mapping flags are the profile's.
+Source: CiA 402-2.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +19,6 @@ from typing import Final
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array, var
-
-# Indices of CiA 402 objects that are used by name. Objects with a value in an image are found by its attribute.
-#
-# Source: CiA 402-2.
-
 
 ABORT_OPTION: Final = 0x6007
 VL_TARGET_VELOCITY: Final = 0x6042
@@ -69,13 +75,6 @@ SUPPORTED_HOMING_METHODS: Final = 0x60E3
 POSITIONING_OPTION: Final = 0x60F2
 TARGET_VELOCITY: Final = 0x60FF
 SUPPORTED_DRIVE_MODES: Final = 0x6502
-
-
-# The object catalogue of CiA 402 drives, declared once.
-#
-# Source: CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits come from the data sheet of a device
-# (``dsp402.identification.describe``). A manufacturer's objects and special units are in the overlay of its family
-# (``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and decoder use this table.
 
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST
@@ -243,11 +242,6 @@ def known_objects() -> tuple[ObjectSpec, ...]:
         *pdo_objects(PDOS, PDOS, ()),
         *DRIVE_OBJECTS.objects,
     )
-
-
-# Further objects of CiA 402: velocity mode, factor group, units, homing methods. Types and PDO mapping flags are the profile's.
-#
-# Source: CiA 402-2.
 
 
 _METHODS = 37

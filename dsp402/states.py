@@ -12,7 +12,7 @@ from functools import reduce
 from operator import or_
 from typing import Final
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 
 
 class State(enum.Enum):

@@ -12,6 +12,7 @@ from typing import Final
 
 import canopen
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
@@ -44,7 +45,6 @@ from pdgw.dsp406.objects import (
     WARNINGS,
 )
 from pdgw.dsp406.pdos import encoder_layout
-from pdgw.durations import MS
 
 EncoderEvent = NodeEvent
 _ROUNDS = 4

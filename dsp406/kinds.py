@@ -1,4 +1,19 @@
-"""Kinds of encoders, the bits of their registers, what they put out, and the error root of this package."""
+"""Kinds of encoders, the bits of their registers, what they put out, and the error root of this package.
+
+The bits of the encoder's registers, each with a number once. Source: CiA DSP 406 V2.0 chapters 8.1.1 (6000h), 8.3.1 (6400h),
+8.4.1 (6500h), 8.4.4 (6503h) and 8.4.6 (6505h). Kinds of encoders: the encoder types of 1000h and the three devices of this
+project.
+
+Source: CiA DSP 406 V2.0 chapter 7.4 (device type), 8.4.2 (resolution), 8.4.11 (position limits). Resolutions and lengths
+are those of the simulated devices.
+
+From the physical position to what an encoder puts out: pure functions on integers.
+
+Source: CiA DSP 406 V2.0 chapters 5.4 (order of the functions), 8.1.1-8.1.4 and 8.4.10 (code sequence, scaling, preset,
+offset), 8.1.9 (speed), 8.2 (cams), 8.3 (work area). Where the profile is silent: the physical position counts on beyond the
+number of distinguishable revolutions, so that the output wraps at the total measuring range only; hysteresis widens a cam
+on both sides once it is active.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +25,6 @@ from pdgw.ds301.aborts import CanopenError
 
 class Dsp406Error(CanopenError):
     """An encoder fault or unusable encoder data: names the field, the value and what would have been allowed."""
-
-
-# The bits of the encoder's registers, each with a number once.
-#
-# Source: CiA DSP 406 V2.0 chapters 8.1.1 (6000h), 8.3.1 (6400h), 8.4.1 (6500h), 8.4.4 (6503h) and 8.4.6 (6505h).
 
 
 class Operating(enum.IntFlag):
@@ -60,12 +70,6 @@ class AreaState(enum.IntFlag):
 def names(value: enum.IntFlag) -> str:
     """The set bits in words: ``position error, commissioning diagnostics``; ``none`` without any."""
     return ", ".join((bit.name or "").lower().replace("_", " ") for bit in value) or "none"
-
-
-# Kinds of encoders: the encoder types of 1000h and the three devices of this project.
-#
-# Source: CiA DSP 406 V2.0 chapter 7.4 (device type), 8.4.2 (resolution), 8.4.11 (position limits). Resolutions and lengths
-# are those of the simulated devices.
 
 
 ENCODER_PROFILE = 406
@@ -165,14 +169,6 @@ DEVICES: dict[str, EncoderDevice] = {device.name: device for device in (ROTARY, 
 def multi_sensor(channels: int) -> EncoderDevice:
     """The multi-sensor device with 1..254 channels; Dsp406Error for another number."""
     return replace(MULTI_SENSOR, channels=channels)
-
-
-# From the physical position to what an encoder puts out: pure functions on integers.
-#
-# Source: CiA DSP 406 V2.0 chapters 5.4 (order of the functions), 8.1.1-8.1.4 and 8.4.10 (code sequence, scaling, preset,
-# offset), 8.1.9 (speed), 8.2 (cams), 8.3 (work area). Where the profile is silent: the physical position counts on beyond the
-# number of distinguishable revolutions, so that the output wraps at the total measuring range only; hysteresis widens a cam
-# on both sides once it is active.
 
 
 INT16 = (-0x8000, 0x7FFF)

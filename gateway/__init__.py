@@ -1,1 +1,1 @@
-"""The gateway: daemon, store, and the packages that connect PLC and devices."""
+"""The gateway, from its ground (``base``) to its roof (``daemon``)."""

@@ -9,21 +9,21 @@ TYPE_CHECKING = False  # as in typing, without importing it: Ctrl-C during that 
 if TYPE_CHECKING:
     from typing import Any
 
+    from pdgw.base.errors import PdgwError
     from pdgw.ds301.aborts import CanopenError
     from pdgw.ds301.eds.importer import import_eds
     from pdgw.dsp402.identification.overlay import add_family
-    from pdgw.errors import PdgwError
-    from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.axis.telegrams import add_telegram
+    from pdgw.gateway.base.errors import GatewayError
+    from pdgw.gateway.client.session import read_parameters
     from pdgw.gateway.configuration.config import GatewayConfig
     from pdgw.gateway.configuration.file import load_config, parse_config
-    from pdgw.gateway.daemon import Daemon
-    from pdgw.gateway.errors import GatewayError
+    from pdgw.gateway.daemon.assembly import build_gateway
+    from pdgw.gateway.daemon.daemon import Daemon
     from pdgw.peers.world import Gateway, Plc, SimulatedDevice, World
     from pdgw.profidrive.errors import ProfidriveError
     from pdgw.profidrive.signals import Signal, signal
     from pdgw.profidrive.telegrams import Telegram, telegram
-    from pdgw.tools.client.session import read_parameters
     from pdgw.tools.decoder.capture.source import read_records
     from pdgw.tools.decoder.export.archive import read_table
     from pdgw.tools.decoder.frames.recognise import recognise
@@ -62,11 +62,11 @@ __all__ = [
 
 _ROOMS = {
     "CanopenError": "ds301.aborts",
-    "Daemon": "gateway.daemon",
+    "Daemon": "gateway.daemon.daemon",
     "Gateway": "peers.world",
     "GatewayConfig": "gateway.configuration.config",
-    "GatewayError": "gateway.errors",
-    "PdgwError": "errors",
+    "GatewayError": "gateway.base.errors",
+    "PdgwError": "base.errors",
     "Plc": "peers.world",
     "ProfidriveError": "profidrive.errors",
     "Record": "tools.decoder.frames.records",
@@ -76,11 +76,11 @@ _ROOMS = {
     "World": "peers.world",
     "add_family": "dsp402.identification.overlay",
     "add_telegram": "gateway.axis.telegrams",
-    "build_gateway": "gateway.assembly",
+    "build_gateway": "gateway.daemon.assembly",
     "import_eds": "ds301.eds.importer",
     "load_config": "gateway.configuration.file",
     "parse_config": "gateway.configuration.file",
-    "read_parameters": "tools.client.session",
+    "read_parameters": "gateway.client.session",
     "read_records": "tools.decoder.capture.source",
     "read_table": "tools.decoder.export.archive",
     "recognise": "tools.decoder.frames.recognise",

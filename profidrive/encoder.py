@@ -22,12 +22,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
-from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import SignOfLife
 from pdgw.profidrive.measuring import Measuring, Refusal, Search
 from pdgw.profidrive.normalisation import Normalisation
+from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
 
 _G1_STW = signal("G1_STW")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.errors import ValueNotAllowedError
+from pdgw.base.errors import ValueNotAllowedError
 
 
 class ProfidriveError(ValueNotAllowedError, ValueError):

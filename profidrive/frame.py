@@ -1,4 +1,4 @@
-"""The cyclic frame and its layout, and the sign of life of both sides."""
+"""The PROFINET cyclic (RT) frame: FrameID, C_SDU, APDU status, and the C_SDU layout of a static relationship."""
 
 from __future__ import annotations
 
@@ -9,85 +9,6 @@ from typing import Final
 
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import Direction, Telegram, TelegramHalf
-
-# Sign of life between controller and device: bits 12-15 of STW2/ZSW2 and STW2_ENC/ZSW2_ENC, in both directions.
-#
-# Source: PROFIdrive profile 4.1 (controller and device sign of life, P925), the encoder profile. Not here: the relation of
-# the controller's application cycle to the bus cycle; one ``step`` is one application cycle.
-
-
-HIGHEST = 15
-"""The counter runs 1..15; 0 means that the sender has none, or lost it."""
-MONITORING_OFF = 65535
-"""P925: failures are not counted."""
-
-
-def following(counter: int) -> int:
-    """The counter after ``counter``: 1..15, 15 -> 1."""
-    return counter % HIGHEST + 1
-
-
-class SignOfLife:
-    """Monitor the controller's counter and generate the device's own.
-
-    Both start with the controller's first counter other than 0, so a controller without a sign of life is not monitored or
-    answered. A counter is correct if it follows the last one, or is the one due after the number of cycles that passed.
-    ``failed`` is True after more consecutive failures than tolerated, until 15 consecutive counters are correct: a controller
-    that counts too slowly is lost once.
-    """
-
-    def __init__(self, tolerated: int) -> None:
-        """``tolerated`` is P925: failures in succession that are accepted, 0..65534, or 65535 for no monitoring."""
-        if not 0 <= tolerated <= MONITORING_OFF:
-            raise ProfidriveError("P925", tolerated, f"0..{MONITORING_OFF}")
-        self.tolerated = tolerated
-        self.reset()
-
-    def reset(self) -> None:
-        """The connection is new: the next counter received is the first."""
-        self.failures = 0
-        """In succession; it counts up to the first that is not tolerated."""
-        self._regained = 0
-        """Correct counters in succession after a loss."""
-        self.received = 0
-        """The controller's counter of the last cycle."""
-        self.due = 0
-        """Expected next counter; 0 before the controller has started."""
-        self._own = 0
-
-    @property
-    def failed(self) -> bool:
-        """The controller's sign of life is lost (sensor error 0F02h)."""
-        return self.tolerated != MONITORING_OFF and self.failures > self.tolerated
-
-    def step(self, received: int) -> int:
-        """Take the controller's counter (0..15) of this cycle; returns the device's own, 0 while there is none."""
-        if not 0 <= received <= HIGHEST:
-            raise ProfidriveError("sign of life", received, f"0..{HIGHEST}")
-        if not self.due:
-            if not received:
-                return 0
-            self.due = received
-        elif received not in (0, self.received) and received in (following(self.received), self.due):
-            self._regained = self._regained + 1 if self.failed else HIGHEST
-            if self._regained == HIGHEST:
-                self.failures = 0
-            self.due = received
-        else:
-            self._regained = 0
-            if self.failures <= self.tolerated:
-                self.failures += 1
-        self.received = received
-        self.due = following(self.due)
-        self._own = 0 if self.failed else following(self._own)
-        return self._own
-
-
-# The PROFINET cyclic (RT) frame: FrameID, C_SDU, APDU status, and the C_SDU layout of a static relationship.
-#
-# Source: IEC 61158-6-10 (RTC-PDU, APDU-Status), transport decisions of docs/plc.md. The same bytes are in a UDP datagram
-# (port 34962) or after an Ethernet header with EtherType 8892h; the transport adds both headers.
-
 
 CYCLIC_PORT: Final = 34962
 """PROFINET RT over UDP (8892h)."""

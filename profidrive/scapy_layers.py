@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from pdgw.extras import missing
+from pdgw.base.extras import missing
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     C_SDU_MIN,

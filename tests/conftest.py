@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from pdgw.gateway.identity import COMPILED, kind
+from pdgw.gateway.base.identity import COMPILED, kind
 from pdgw.tools.recording import recorder
 from tests.support.buses import PATIENCE_S
 from tests.support.logs import log_put_back

@@ -84,7 +84,7 @@ def test_no_interpreted_class_derives_from_a_compiled_one() -> None:
 
 
 def test_the_build_under_test_is_the_one_asked_for() -> None:
-    from pdgw.gateway.identity import kind  # noqa: PLC0415
+    from pdgw.gateway.base.identity import kind  # noqa: PLC0415
 
     asked = any("compiled" in Path(entry).parts for entry in sys.path)
     assert kind() == ("compiled" if asked else "pure Python")

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.tools.cli import app
 from tests.decoder.frames.profinet.test_profinet import frames as profinet_frames
 from tests.support.axis.recorded import speed

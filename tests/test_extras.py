@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pdgw.extras import EXTRA_OF, missing
-from pdgw.files import read_file
+from pdgw.base.extras import EXTRA_OF, missing
+from pdgw.base.files import read_file
 from tests.test_package import PROJECT, ROOMS, ROOT
 
 CORE = {"can", "canopen", "greenlet", "pydantic", "pydantic_core", "typer", "click", "rich", "yaml", "pdgw"}

@@ -84,12 +84,12 @@ _OF_COMMANDS = (
         "pdgw.gateway.axis",
         "pdgw.gateway.configuration.config",
         "pdgw.gateway.configuration.devices",
-        "pdgw.gateway.daemon",
+        "pdgw.gateway.daemon.daemon",
     ),
     *(
-        "pdgw.gateway.links.udp",
+        "pdgw.gateway.base.udp",
         "pdgw.gateway.motion",
-        "pdgw.gateway.reasons",
+        "pdgw.gateway.base.reasons",
         "pdgw.peers",
         "pdgw.profinet.device",
         "pdgw.tools.web",
@@ -130,10 +130,10 @@ def test_package_and_commands_import_only_what_they_need() -> None:
     for modules in (helping, looking):
         products = {name for name in modules if any(name == top or name.startswith(f"{top}.") for top in _OF_COMMANDS)}
         assert products <= _WORDS_OF_HELP
-    assert not decoding & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}
+    assert not decoding & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon.daemon", "pdgw.peers.drive"}
     # The daemon loads no tools.decoder and only the transport it has.
-    (daemon,) = python("import sys, pdgw.gateway.assembly; print(*sys.modules)")
-    assert "pdgw.gateway.daemon" in daemon
+    (daemon,) = python("import sys, pdgw.gateway.daemon.assembly; print(*sys.modules)")
+    assert "pdgw.gateway.daemon.daemon" in daemon
     other = {"pdgw.tools.decoder.frames.engine", "pdgw.gateway.links.profinet.io_device", "pdgw.profinet.device"}
     assert not daemon & ({"scapy", "matplotlib"} | other)
     # Axis machine and motion are there where no bus, socket, clock, thread or log exists.

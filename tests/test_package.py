@@ -17,7 +17,7 @@ import pytest
 
 import pdgw
 from pdgw.ds301.aborts import CanopenError
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from tests.support.documents.sources import ROOMS
 from tests.support.gateways.daemon import axis, configuration, reached, serving

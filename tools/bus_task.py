@@ -11,8 +11,8 @@ from typing import TypeVar
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.loop import Loop
+from pdgw.gateway.base.platform import Platform, SystemPlatform
 from pdgw.gateway.configuration.environment import CanConfig
-from pdgw.gateway.platform import Platform, SystemPlatform
 from pdgw.tools.options import quiet
 
 T = TypeVar("T")

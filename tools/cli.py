@@ -14,9 +14,9 @@ from typing import Annotated, Final, NoReturn
 
 import typer
 
+from pdgw.base.phrases import printable
 from pdgw.ds301.aborts import CanopenError
-from pdgw.gateway.errors import GatewayError
-from pdgw.phrases import printable
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.command_table import COMMANDS, lazy_group
 from pdgw.tools.options import INTERRUPTED
@@ -44,7 +44,7 @@ class _Options:
 
 def _print_version(requested: bool) -> None:
     if requested:
-        from pdgw.gateway.identity import build_text  # noqa: PLC0415 (looks into the installed package's metadata)
+        from pdgw.gateway.base.identity import build_text  # noqa: PLC0415 (looks into the installed package's metadata)
 
         typer.echo(f"pdgw {build_text()}")
         raise typer.Exit

@@ -45,7 +45,7 @@ def _in_words(error: typer.BadParameter) -> str:
     cause: Any = error.__cause__
     if not hasattr(cause, "error_count"):
         return error.message
-    from pdgw.explain import value_text  # noqa: PLC0415 (loads pydantic, as typer has done)
+    from pdgw.base.validation import value_text  # noqa: PLC0415 (loads pydantic, as typer has done)
 
     several = "; repeat the option for several" if error.param is not None and error.param.multiple else ""
     return value_text(cause) + several

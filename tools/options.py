@@ -1,4 +1,9 @@
-"""Options that commands share, and what they need of terminal and signals."""
+"""Options that commands share, and what they need of terminal and signals.
+
+Parse addresses typed by the user. Read single keys from a terminal, on POSIX and Windows, or characters from a pipe. Silence
+the log of simulations: their results show what happened. End a command in the foreground on signals. Options shared by `pdgw
+timeline` and `pdgw replay`. Options shared by the simulators.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +20,7 @@ from typing import Annotated, Final
 
 import typer
 
-from pdgw.gateway.errors import GatewayError
-
-# Parse addresses typed by the user.
+from pdgw.gateway.base.errors import GatewayError
 
 
 def parse_address(text: str, default_port: int) -> tuple[str, int]:
@@ -31,9 +34,6 @@ def parse_address(text: str, default_port: int) -> tuple[str, int]:
         raise GatewayError(f"address {text!r}: {error.strerror}") from error
     except UnicodeError as error:
         raise GatewayError(f"address {text!r}: not a host name: {error}") from error
-
-
-# Read single keys from a terminal, on POSIX and Windows, or characters from a pipe.
 
 
 _AT_ONCE = 64
@@ -66,9 +66,6 @@ def read_keys() -> str:
     return os.read(sys.stdin.fileno(), _AT_ONCE).decode("utf-8", "replace")
 
 
-# Silence the log of simulations: their results show what happened.
-
-
 @contextmanager
 def quiet(*names: str) -> Iterator[None]:
     """Suppress everything below CRITICAL from these loggers."""
@@ -83,9 +80,6 @@ def quiet(*names: str) -> Iterator[None]:
             logger.setLevel(level)
 
 
-# End a command in the foreground on signals.
-
-
 INTERRUPTED: Final = 130
 """Exit code after Ctrl-C, as used by shells."""
 
@@ -96,9 +90,6 @@ def end_as_by_ctrl_c() -> None:
         number = getattr(signal, name, None)  # Windows has only one of them
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
-
-
-# Options shared by `pdgw timeline` and `pdgw replay`.
 
 
 Files = Annotated[list[str], typer.Argument(help="Captures of both buses, like plc.pcap can.log.", metavar="FILE...")]
@@ -117,9 +108,6 @@ Offset = Annotated[
 Station = Annotated[
     str, typer.Option(metavar="NAME", help="PROFINET station, where several in the capture have telegrams.")
 ]
-
-
-# Options shared by the simulators.
 
 
 ControlPort = Annotated[

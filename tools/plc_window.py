@@ -17,8 +17,8 @@ from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.text import Text
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.defaults import STATUS_PORT
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from pdgw.peers.plc.exchange.following import line_of, tables
 from pdgw.tools.options import read_keys, single_keys

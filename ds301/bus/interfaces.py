@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 import can
 from can.interfaces import BACKENDS
 
+from pdgw.base.phrases import did_you_mean
 from pdgw.ds301.aborts import CanopenError
-from pdgw.phrases import did_you_mean
 
 _SOCKETCAN: Final = '; on Linux interface = "socketcan" works with these adapters, too'
 """A driver of the kernel or of the vendor makes them an interface of SocketCAN."""

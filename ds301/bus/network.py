@@ -14,6 +14,7 @@ from typing import Final
 
 import can
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
@@ -21,7 +22,6 @@ from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC, NmtState
 from pdgw.ds301.loop.jobs import Turns
 from pdgw.ds301.loop.loop import Loop, Timer
-from pdgw.durations import MS
 
 log = logging.getLogger("gateway")
 

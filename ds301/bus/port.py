@@ -18,6 +18,7 @@ from typing import Final, Protocol
 import can
 from can.interfaces.socketcan import SocketcanBus
 
+from pdgw.base.durations import US
 from pdgw.ds301.bus.can_frame import (
     CAN_FRAME,
     ERROR,
@@ -30,7 +31,6 @@ from pdgw.ds301.bus.can_frame import (
 from pdgw.ds301.bus.interfaces import system_text
 from pdgw.ds301.loop.arrivals import ANCILLARY, Arrivals
 from pdgw.ds301.loop.loop import Loop, Timer
-from pdgw.durations import US
 
 _pack_frame, _unpack_frame, _FRAME_SIZE = CAN_FRAME.pack, CAN_FRAME.unpack, CAN_FRAME.size
 _AT_ONCE: Final = 64

@@ -1,4 +1,13 @@
-"""The data sheet of a node, and the import of EDS and DCF files."""
+"""The data sheet of a node, and the import of EDS and DCF files.
+
+The data sheet of a node: its object dictionary from an EDS or DCF, with errors a user can act on. Import of EDS and DCF files
+as they are found in the field: repaired, then read by canopen's own importer.
+
+Source: CiA 306 V1.3, CiA 301 (object codes, data types). What canopen's importer cannot read is repaired, or left out, and
+listed with its line. Compact sub-objects and compact PDOs are written out, which is not a repair; lists and counts follow
+the objects. A file is rejected if its identity or the type of an object is missing or has two meanings. Not here: type
+definitions (DEFTYPE, DEFSTRUCT) and modules; unused sections are kept.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +24,7 @@ from pathlib import Path
 import canopen
 from canopen.objectdictionary import eds
 
+from pdgw.base.files import read_file
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.communication import NODE_IDS, pdo_objects
 from pdgw.ds301.eds.text import EdsError, Item, Problem, Repair, Report, Section, decode, parse
@@ -30,10 +40,6 @@ from pdgw.ds301.eds.values import (
 from pdgw.ds301.eds.writer import Texts, object_lists, object_texts, text_of
 from pdgw.ds301.objects import COMMUNICATION_AREA
 from pdgw.ds301.pdo import PDOS_MAX, PdoDirection, is_communication_parameter, is_mapping_parameter
-from pdgw.files import read_file
-
-# The data sheet of a node: its object dictionary from an EDS or DCF, with errors a user can act on.
-
 
 log = logging.getLogger("gateway")
 
@@ -57,14 +63,6 @@ def load_dictionary(
         if index not in dictionary:
             raise error_type("EDS", str(path), f"a data sheet of {device} with object {index:04X}h")
     return dictionary
-
-
-# Import of EDS and DCF files as they are found in the field: repaired, then read by canopen's own importer.
-#
-# Source: CiA 306 V1.3, CiA 301 (object codes, data types). What canopen's importer cannot read is repaired, or left out, and
-# listed with its line. Compact sub-objects and compact PDOs are written out, which is not a repair; lists and counts follow
-# the objects. A file is rejected if its identity or the type of an object is missing or has two meanings. Not here: type
-# definitions (DEFTYPE, DEFSTRUCT) and modules; unused sections are kept.
 
 
 MAX_SIZE = 4 << 20

@@ -9,9 +9,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
+from pdgw.base.phrases import printable
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.eds.values import same_value
-from pdgw.phrases import printable
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ import struct
 import time
 from typing import Final
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import Loop
-from pdgw.durations import SECOND
 
 SO_TIMESTAMPNS: Final = 35
 """Option of Linux; Python has no name for it before 3.14."""

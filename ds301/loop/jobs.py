@@ -1,4 +1,8 @@
-"""Jobs for the task of a node, and turns that limit how many tasks work at a time."""
+"""Jobs for the task of a node, and turns that limit how many tasks work at a time.
+
+Turns: a limited number of tasks at a time, in the order of their requests. Jobs for the task of a node, with futures as
+answers. A client of a node adds a call; the node's task runs the calls one after the other between its own work.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +13,6 @@ from functools import partial
 from typing import Any, TypeVar
 
 from pdgw.ds301.loop.loop import Event, Loop
-
-# Turns: a limited number of tasks at a time, in the order of their requests.
 
 
 class Turns:
@@ -46,11 +48,6 @@ class Turns:
             self._waiting.popleft().set()
         else:
             self._taken -= 1
-
-
-# Jobs for the task of a node, with futures as answers.
-#
-# A client of a node adds a call; the node's task runs the calls one after the other between its own work.
 
 
 T = TypeVar("T")

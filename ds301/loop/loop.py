@@ -25,9 +25,9 @@ from typing import Final, Generic, TypeVar
 
 import greenlet
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.counters import Counters
 from pdgw.ds301.loop.readiness import WRITABLE, Readiness, best_readiness
-from pdgw.durations import SECOND
 
 log = logging.getLogger("gateway")
 

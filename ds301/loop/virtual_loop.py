@@ -6,9 +6,9 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.loop import Loop
-from pdgw.durations import SECOND
 
 T = TypeVar("T")
 

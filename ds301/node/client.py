@@ -17,6 +17,7 @@ from typing import ClassVar, Final, Generic, Self, TypeVar
 
 import canopen
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.bus.network import UNUSED, CanNetwork, PdoCallback
@@ -45,7 +46,6 @@ from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, pdo_of
-from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")
 

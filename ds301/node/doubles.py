@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.sdo_transfer import ABORT, BLOCK_SINK, BLOCK_SOURCE, COMMAND, CONFIRM, DOWNLOAD, UPLOAD, address_in
-from pdgw.durations import SECOND
 
 _REQUESTS: Final = (DOWNLOAD, UPLOAD)
 _RESPONSES: Final = (CONFIRM, UPLOAD)

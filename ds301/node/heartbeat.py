@@ -6,11 +6,11 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import ERROR_CONTROL, GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand, NmtState
 from pdgw.ds301.node.doubles import Doubles
 from pdgw.ds301.node.node import TpdoSlot
-from pdgw.durations import MS
 
 _STATES: Final = 4
 """A, B, A, B: the states of two devices."""

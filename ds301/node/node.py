@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.pdo import Pdo
-from pdgw.durations import MS
 
 GATEWAY_NODE_ID: Final = 127
 

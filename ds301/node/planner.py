@@ -3,6 +3,9 @@
 Source: CiA DS 301 V4.02 chapters 7.2.2 and 7.5.2.35-38 (PDO parameters, mapping procedure), docs/translation.md "PDO layouts".
 Pure: ``PdoCapabilities`` is the data sheet's part, ``Findings`` what the device itself has answered since. Left out: bit-granular
 mappings.
+
+Inputs of the PDO plan during configuration: the data sheet, and the refusals of the device. Source: CiA DS 301 V4.02 chapter
+7.5.2.36. After each refusal, the plan is made again without the refused item.
 """
 
 from __future__ import annotations
@@ -318,11 +321,6 @@ def _fitting(entries: Sequence[Entry], most: int, essential: str) -> list[Entry]
             break
         kept.append(entry)
     return [entry for entry in entries if entry in kept]
-
-
-# Inputs of the PDO plan during configuration: the data sheet, and the refusals of the device.
-#
-# Source: CiA DS 301 V4.02 chapter 7.5.2.36. After each refusal, the plan is made again without the refused item.
 
 
 T = TypeVar("T")

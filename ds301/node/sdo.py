@@ -1,6 +1,8 @@
 """SDO access to one node: reads and writes in a task of the loop, and questions that need no task.
 
 Source: CiA DS 301 V4.02 chapter 7.2.4. Nothing here waits but inside a task; an answer that does not end is an error.
+
+Identify a node by SDO uploads only, without NMT commands and PDOs: for commissioning, while no gateway runs on its bus.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from typing import Final, Self, TypeVar
 
 import canopen
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, SdoCommunicationError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SDO_RESPONSE
@@ -18,7 +21,6 @@ from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.doubles import Doubles
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.sdo_transfer import ABORT, EXPEDITED_SIZE, Download, Transfer, Upload, address_in
-from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")
 
@@ -333,9 +335,6 @@ class SdoAccess:
             abort_text(error.code),
             "an object that can be read",
         )
-
-
-# Identify a node by SDO uploads only, without NMT commands and PDOs: for commissioning, while no gateway runs on its bus.
 
 
 class Inquiry(SdoAccess):

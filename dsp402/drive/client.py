@@ -13,6 +13,7 @@ from typing import Final
 
 import canopen
 
+from pdgw.base.durations import MS, US_PER_MS
 from pdgw.ds301.aborts import NOT_THERE, SdoAbortedError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
@@ -34,12 +35,14 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import PdoCapabilities, PdoLayout
-from pdgw.dsp402.drive.checks import ModeCheck, TpdoCheck, UnitCheck
 from pdgw.dsp402.drive.guarding import Guarding, guard, interpolation_steps
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.drive.own_values import OwnValueKeeper
 from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.dsp402.drive.settings import DriveSettings
+from pdgw.dsp402.drive.tpdo_check import TpdoCheck
+from pdgw.dsp402.drive.unit_check import UnitCheck
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, describe, questions, signed
 from pdgw.dsp402.identification.generic import dictionary_of, generic_dictionary
@@ -58,8 +61,7 @@ from pdgw.dsp402.objects import (
 from pdgw.dsp402.pdo.planner import plan_pdos
 from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, State, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
-from pdgw.dsp402.units.units import UnitWatch
-from pdgw.durations import MS, US_PER_MS
+from pdgw.dsp402.units.unit_watch import UnitWatch
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent

@@ -1,4 +1,13 @@
-"""Guarding in both directions, and the SDO writes that it requires."""
+"""Guarding in both directions, and the SDO writes that it requires.
+
+Required SDO writes of a drive besides its PDOs (``ds301.configuration``): the guarding. Source: docs/translation.md "Losses".
+
+Guarding in both directions: the drive stops when the gateway dies, and the gateway monitors the drive. The first available
+method is used.
+
+Source: CiA DS 301 V4.02 chapters 7.2.8.3 (node guarding, life guarding, heartbeat) and 7.5.2.35 (event timer of an RPDO),
+CiA 402 (6007h). A device that sends heartbeats answers no node guarding: with life guarding, 1017h is 0.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +27,6 @@ from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import ABORT_OPTION, INTERPOLATION_TIME
-
-# Required SDO writes of a drive besides its PDOs (``ds301.configuration``): the guarding.
-#
-# Source: docs/translation.md "Losses".
 
 
 def interpolation_steps(period_us: int) -> list[SdoStep]:
@@ -55,13 +60,6 @@ def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_
         ]
     except CanopenError as error:
         raise Dsp402Error(error.field, error.value, error.allowed) from error
-
-
-# Guarding in both directions: the drive stops when the gateway dies, and the gateway monitors the drive. The first available
-# method is used.
-#
-# Source: CiA DS 301 V4.02 chapters 7.2.8.3 (node guarding, life guarding, heartbeat) and 7.5.2.35 (event timer of an RPDO),
-# CiA 402 (6007h). A device that sends heartbeats answers no node guarding: with life guarding, 1017h is 0.
 
 
 _REACTIONS = {0: "nothing", 1: "malfunction", 2: "disable voltage", 3: "quick stop"}

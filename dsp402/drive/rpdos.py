@@ -10,16 +10,16 @@ import struct
 from collections.abc import Callable, Container
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.drive.checks import ModeCheck
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE
 from pdgw.dsp402.states import ControlBit, FaultReset
-from pdgw.durations import MS
 
 _RETRY_VALUE_NS: Final = 1000 * MS
 """Time after which a failed SDO write is repeated."""

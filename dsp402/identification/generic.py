@@ -1,4 +1,9 @@
-"""Identify and describe a CiA 402 drive without a data sheet."""
+"""Identify and describe a CiA 402 drive without a data sheet.
+
+Identify a drive by SDO uploads; nothing is written. Source: CiA 301 (SDO upload), CiA 402. Describe a CiA 402 drive without a
+data sheet: read from the device which objects of the profile it has. Source: CiA 301 and CiA 402. Types and PDO mapping flags
+are those of the profile; a device that differs needs its EDS.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +31,6 @@ from pdgw.dsp402.identification.overlay import overlay, overlay_for
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FURTHER_OBJECTS, PDOS
 from pdgw.dsp402.units.mechanics import UnitKeys
 
-# Identify a drive by SDO uploads; nothing is written. Source: CiA 301 (SDO upload), CiA 402.
-
 
 def probe(
     node: Inquiry, dictionary: canopen.ObjectDictionary | None, units: UnitKeys | None = None, family: str = ""
@@ -52,11 +55,6 @@ def _answers(dictionary: canopen.ObjectDictionary, read: Read) -> dict[tuple[int
             data = data[: max(1, len(declared) // 8)]
             answers[index, subindex] = int.from_bytes(data, "little", signed=signed(dictionary, (index, subindex)))
     return answers
-
-
-# Describe a CiA 402 drive without a data sheet: read from the device which objects of the profile it has.
-#
-# Source: CiA 301 and CiA 402. Types and PDO mapping flags are those of the profile; a device that differs needs its EDS.
 
 
 Read = Callable[[int, int], bytes | None]

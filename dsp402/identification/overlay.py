@@ -19,12 +19,12 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from pdgw.base.files import read_file
+from pdgw.base.validation import Problem, problems
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array
 from pdgw.dsp402.drive_type import ChannelErrorType, DriveFault, Dsp402Error, Quirks, Turntable
 from pdgw.dsp402.units.mechanics import FamilyUnits
 from pdgw.dsp402.units.units import parse_unit
-from pdgw.explain import Problem, problems
-from pdgw.files import read_file
 
 _FILE_MAX = 1 << 20
 FAMILIES = Path(__file__).parents[1] / "families"

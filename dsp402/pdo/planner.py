@@ -1,4 +1,8 @@
-"""The PDO plan of a drive: the objects that this drive has for its telegram, and what it cannot be operated without."""
+"""The PDO plan of a drive: the objects that this drive has for its telegram, and what it cannot be operated without.
+
+The Controlword is the last object of its RPDO and its RPDO the last that is sent: a drive that applies objects in the order
+of the mapping would start toward the previous target.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,6 @@ from pdgw.ds301.pdo import PdoDirection, PdoLayout
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 from pdgw.dsp402.pdo.layouts import with_objects, without
-
-# The Controlword is the last object of its RPDO and its RPDO the last that is sent: a drive that applies objects in the order
-# of the mapping would start toward the previous target.
-
 
 _ESSENTIAL = {PdoDirection.RPDO: CONTROL_ATTRIBUTE, PdoDirection.TPDO: STATUS_ATTRIBUTE}
 

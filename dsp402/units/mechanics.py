@@ -1,4 +1,11 @@
-"""The mechanics of a drive in its units, and the keys that describe them."""
+"""The mechanics of a drive in its units, and the keys that describe them.
+
+What a configuration and the overlay of a family say about the units of a drive; ``scaling`` makes its scaling of them. Source:
+docs/devices.md. One revolution of a motor in the units of its drive: positions, gear and lengths, each with its source object.
+
+Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it states nothing.
+Source: CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/devices.md.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +14,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
+from pdgw.base.durations import SECONDS_PER_MINUTE
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.dsp402 import objects
 from pdgw.dsp402.units.units import Kind, Unit, dimension_unit, parse_unit, si_unit
-from pdgw.durations import SECONDS_PER_MINUTE
-
-# What a configuration and the overlay of a family say about the units of a drive; ``scaling`` makes its scaling of them.
-#
-# Source: docs/devices.md.
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +76,6 @@ class FamilyUnits:
     """Objects the family has and does not apply, or applies otherwise than the profile."""
     ask: str = ""
     """Why no object shows the units of this device: the configuration must set them."""
-
-
-# One revolution of a motor in the units of its drive: positions, gear and lengths, each with its source object.
-#
-# Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it states nothing.
-# Source: CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/devices.md.
 
 
 Answers = Mapping[ObjectAddress, int]

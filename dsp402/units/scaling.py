@@ -11,6 +11,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import NamedTuple
 
+from pdgw.base.durations import SECONDS_PER_MINUTE
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.dsp402 import objects
 from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
@@ -31,7 +32,6 @@ from pdgw.dsp402.units.mechanics import (
 )
 from pdgw.dsp402.units.units import Unit, parse_unit
 from pdgw.dsp402.units.velocity import VL_FACTORS, velocity
-from pdgw.durations import SECONDS_PER_MINUTE
 
 _RATIOS = (*UNIT_RATIOS, *VL_FACTORS, objects.POSITION_RANGE_LIMIT, objects.SOFTWARE_POSITION_LIMIT, objects.VL_MIN_MAX)
 _NUMBERS = (

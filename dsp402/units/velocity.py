@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
+from pdgw.base.durations import SECONDS_PER_MINUTE
 from pdgw.dsp402.objects import (
     MAX_PROFILE_VELOCITY,
     TARGET_VELOCITY,
@@ -23,7 +24,6 @@ from pdgw.dsp402.objects import (
 )
 from pdgw.dsp402.units.mechanics import Found, Known, Mechanics, Unknown, amount
 from pdgw.dsp402.units.units import Unit, parse_unit
-from pdgw.durations import SECONDS_PER_MINUTE
 
 VL_FACTORS = (VL_SETPOINT_FACTOR, VL_DIMENSION_FACTOR)
 _AGREE = Fraction(1, 100)

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.requests import NOTHING, PositionerRequest
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 
 _ZSW1: Final = signal("ZSW1")

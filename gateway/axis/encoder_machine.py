@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorChannel
 from pdgw.gateway.axis.settings import SensorSettings
@@ -25,8 +25,8 @@ from pdgw.gateway.axis.values import (
     SdoWrite,
     gateway_fault,
 )
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import DEVICE_WARNING, INTERNAL_FAULT, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import DEVICE_WARNING, INTERNAL_FAULT, FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import (
     EncoderControl,
     PresetRequest,
@@ -35,8 +35,8 @@ from pdgw.profidrive.encoder import (
     speed_normalisation,
 )
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import SignOfLife
 from pdgw.profidrive.normalisation import Normalisation
+from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 

@@ -10,14 +10,14 @@ import enum
 from dataclasses import dataclass
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
-from pdgw.durations import MS
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import OFF1S, STATE_MASK, PowerWish
 from pdgw.gateway.axis.power_states import CONTROLWORDS, DRIVE_OF_STATE, Action, Drive, Phase
 from pdgw.gateway.axis.power_table import CELLS, DRIVES, LOCKS, NO_PLC, STOPPING, WISHES, Cell
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.axis.values import Answer
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 
 QUICK_STOP_STANDING_NS: Final = 200 * MS
 """A drive that stays in Quick Stop Active at standstill for this time (option codes 5-8) gets Disable Voltage."""

@@ -11,11 +11,11 @@ from fractions import Fraction
 from functools import partial
 from typing import Final
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, StatusBit, enables
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.demand_report import (
@@ -58,8 +58,8 @@ from pdgw.gateway.axis.values import (
     SdoAnswer,
     gateway_fault,
 )
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import DEVICE_WARNING, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import DEVICE_WARNING, FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram

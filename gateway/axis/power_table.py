@@ -14,7 +14,7 @@ from typing import Final
 
 from pdgw.gateway.axis.demand_report import OFF1S, OFFS, Flag, PowerWish
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit, Phase
-from pdgw.gateway.reasons import INTERNAL_FAULT, FaultNumber, Reason
+from pdgw.gateway.base.reasons import INTERNAL_FAULT, FaultNumber, Reason
 
 
 @dataclass(frozen=True, slots=True)

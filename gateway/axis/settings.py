@@ -1,4 +1,9 @@
-"""The user's choices for an axis, and the scaling that its telegram requires."""
+"""The user's choices for an axis, and the scaling that its telegram requires.
+
+Scaling of a drive that a telegram requires: the quantities whose fractions its signals are. Source: docs/devices.md "What each
+signal needs". A signal in the drive's own units needs no 100 %. The user's choices for an axis or an encoder. Source:
+docs/translation.md.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +12,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final, NamedTuple
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.drive_type import Quantity, Scaling
 from pdgw.dsp402.units.mechanics import KEY_LINES
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.motion.dsc_setpoint import DscChoices
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.frame import MONITORING_OFF
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.signals import Signal, SignalQuantity
 from pdgw.profidrive.telegrams import Telegram
-
-# Scaling of a drive that a telegram requires: the quantities whose fractions its signals are.
-#
-# Source: docs/devices.md "What each signal needs". A signal in the drive's own units needs no 100 %.
-
 
 _REFERENCES = {
     SignalQuantity.SPEED: Quantity.SPEED,
@@ -84,9 +84,6 @@ def missing(scaling: Scaling, needed: tuple[Quantity, ...], *, converts: bool) -
                 parts.append(f"{what}: unknown, set {key}")
             keys.append(key)
     return Missing("; ".join(parts), tuple(keys))
-
-
-# The user's choices for an axis or an encoder. Source: docs/translation.md.
 
 
 LATENCY_NS: Final = 300 * MS

@@ -14,7 +14,7 @@ from pdgw.gateway.axis.adapters.position_words import BasicPositionerAdapter, Po
 from pdgw.gateway.axis.adapters.speed_words import DscAdapter, SpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.motion.dsc_setpoint import DscForm
 from pdgw.profidrive.signals import USER_WORDS, SignalQuantity
 from pdgw.profidrive.telegrams import (

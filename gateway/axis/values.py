@@ -1,4 +1,4 @@
-"""Values of a step of an axis, and whether a value is an answer to a command."""
+"""What goes into a step of an axis beside the cyclic data, and what comes out beside the actual values: plain values."""
 
 from __future__ import annotations
 
@@ -10,71 +10,7 @@ from typing import Final, Protocol
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
-from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
-
-# Whether the drive shows something in answer to a command, or since before it.
-#
-# A command and the word that answers it are under way for up to ``AxisSettings.latency_ns``. Until then, a word can be older
-# than the command. It is an answer earlier only if the drive has shown something else since the command.
-
-
-class _Shown(enum.Enum):
-    """What the drive has shown since the newest command."""
-
-    NOTHING = "nothing that counts"
-    OTHER = "something else, or the present: what the command asks for is the answer as soon as it is shown"
-    ANSWER = "the answer, in the last word"
-
-
-_NOTHING, _OTHER, _ANSWER = _Shown
-
-
-class Answer:
-    """The answer of a drive to the newest command of one kind: a change of 6040h or 6060h, or a setpoint."""
-
-    def __init__(self, latency_ns: int) -> None:
-        self._latency = latency_ns
-        self._since = 0
-        """When the command was given, monotonic ns; 0: it is answered, or long ago."""
-        self._shown = _NOTHING
-
-    @property
-    def given(self) -> bool:
-        """The last word read was an answer: it showed what the command asks for."""
-        return self._shown is _ANSWER
-
-    def command(self, now: int, *, level: bool = False) -> None:
-        """A new command.
-
-        ``level``: the drive always shows its present state, such as a mode. If no other command is under way, it can be in the
-        requested one already. An event, such as the end of a motion, must come after the command.
-        """
-        self._shown = _OTHER if level and self.due(now) else _NOTHING
-        self._since = now
-
-    def read(self, shown: bool, now: int) -> bool:
-        """Take what one cycle shows. True if it is ``shown``, and answers the command."""
-        since = self._since
-        if since and now - since < self._latency and not (shown and self._shown is _OTHER):
-            if not shown:
-                self._shown = _OTHER
-            return False
-        self._since = 0
-        self._shown = _ANSWER if shown else _NOTHING
-        return shown
-
-    def withdraw(self) -> None:
-        """The command is not in force any more."""
-        self._since, self._shown = 0, _NOTHING
-
-    def due(self, now: int) -> bool:
-        """The drive has had the time to show the answer, or has shown it."""
-        return now - self._since >= self._latency or not self._since
-
-
-# What goes into a step beside the cyclic data, and what comes out beside the actual values: plain values.
-#
-# ``News`` are things that happened since the last step; ``Outputs`` is one reused object for each axis or encoder.
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Scan of an unconfigured bus, and a first configuration of what it has found."""
+"""Scan of an unconfigured bus: nodes, their types, and what each telegram lacks."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import can
 import canopen
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
@@ -33,87 +34,15 @@ from pdgw.dsp402.drive.guarding import guard
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.generic import probe
-from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_PROFILE
-from pdgw.dsp406.kinds import ENCODER_PROFILE, LINEAR_TYPES, EncoderType
+from pdgw.dsp406.kinds import ENCODER_PROFILE, EncoderType
 from pdgw.dsp406.objects import POSITION, POSITION_MULTI_SENSOR
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.commissioning.telegram_check import lacks, lacks_by_telegram, missing_lines
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.commissioning.telegram_check import lacks, lacks_by_telegram
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.devices import EncoderModel
 from pdgw.gateway.configuration.environment import CanConfig
-from pdgw.gateway.configuration.toml_file import toml_text
-from pdgw.gateway.errors import GatewayError
-
-# A first configuration of what a scan has found: the keys that have no default, and as comments what a person must decide.
-
-
-_NEXT = "# Written by pdgw bus scan. Next: pdgw config check, pdgw axis test 1, pdgw run, each with the name of this file.\n"
-_TRANSPORT = """\
-# Without these keys only a PLC on this machine reaches the gateway (docs/plc.md).
-# [transport]
-# listen = "192.168.0.5"  # address of this machine towards the PLC
-# peer = "192.168.0.10"   # address of the PLC
-"""
-
-
-def draft(bus: CanConfig, found: Iterable[FoundNode]) -> str:
-    """The text of a configuration file. GatewayError if no node is a drive or an encoder with a telegram."""
-    place = {"interface": bus.interface, "channel": bus.channel, "bitrate": bus.bitrate}
-    parts = [_NEXT, toml_text({"can": place}), _TRANSPORT]
-    number = 0
-    for node in found:
-        usable = [telegram for telegram, lacking in node.lacks.items() if not lacking]
-        fits = f", usable with telegrams {', '.join(map(str, usable))}" if usable else ""
-        comments = [f"node {node.node_id}: {node.name!r}{fits}", *node.notes]
-        telegram = _telegram(node)
-        if telegram is None:
-            parts.append(_commented(comments))
-            continue
-        number += 1
-        keys: dict[str, object] = {"do_id": number, "node_id": node.node_id, "telegram": telegram}
-        if node.eds is not None:
-            keys["eds"] = str(node.eds.absolute())
-        if node.drive is not None:
-            table = toml_text({"axis": [keys]}) + _commented(missing_lines(node.drive, telegram))
-        else:
-            table = toml_text({"encoder": [keys | {"model": _model(node)}]})
-        parts.append(_commented(comments) + table)
-    if not number:
-        raise GatewayError("the scan found no drive and no encoder with a telegram; no configuration is written")
-    return "\n".join(parts)
-
-
-def _commented(lines: Iterable[str]) -> str:
-    return "".join(f"# {' '.join(line.split())}\n" for line in lines)
-
-
-def _telegram(node: FoundNode) -> int | None:
-    """Of a drive speed, else positioning, else transparent; of an encoder its first. The configuration can set unknown units."""
-    drive = node.drive
-    if drive is None:
-        return next((number for number, lacking in node.lacks.items() if not lacking), None)
-    offered = {1: drive.speed_mode is not None, 9: Mode.POSITION in drive.modes, 100: True}
-    for number, has_mode in offered.items():
-        if has_mode and (not node.lacks[number] or missing_lines(drive, number)):
-            return number
-    return None
-
-
-def _model(node: FoundNode) -> EncoderModel:
-    kind = (node.device_type or 0) >> 16
-    if kind == EncoderType.MULTI_SENSOR:
-        return EncoderModel.MULTI_SENSOR
-    return EncoderModel.LINEAR if kind in LINEAR_TYPES else EncoderModel.ROTARY
-
-
-# Scan of an unconfigured bus: nodes, their types, and what each telegram lacks.
-#
-# The scan only reads: it listens to the bus, requests the device type 1000h of every node-ID, then the objects of the nodes
-# that answered, by SDO uploads. No NMT command, no PDO, no heartbeat. Source: CiA 301.
-
 
 _PAUSE_NS = 2 * MS
 """Between two questions: a transmit queue is short."""

@@ -10,15 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
-from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS as SETPOINT_NS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.supervision.stop_supervision import RAMP_MARGIN
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.motion.travel import LIMIT_LEFT_NS, LIMIT_STANDING_NS
-from pdgw.gateway.reasons import FaultNumber
 
 _F = FaultNumber
 _Limit = Callable[[NodeSettings, AxisSettings], int]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import found_in_data_sheet
@@ -13,7 +14,6 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.pdo import planner
 from pdgw.dsp402.pdo.planner import plan_pdos
-from pdgw.durations import MS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import (
@@ -24,7 +24,7 @@ from pdgw.gateway.axis.telegrams import (
     initial_mode,
 )
 from pdgw.gateway.configuration.defaults import SIMULATED_KEYS, USUAL_CYCLE_MS
-from pdgw.gateway.configuration.devices import PositionerConfig
+from pdgw.gateway.configuration.positioner_config import PositionerConfig
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
 
 _USUAL = AxisSettings(

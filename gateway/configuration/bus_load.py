@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from pdgw.base.durations import MS, MS_PER_SECOND, SECOND, US
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import CyclicFrames, bus_load, response_times, sdo_gap_ns
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, SYNC
@@ -19,10 +20,9 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import found_in_data_sheet, plan_pdos
 from pdgw.ds301.pdo import PdoCapabilities, PdoDirection
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
-from pdgw.durations import MS, MS_PER_SECOND, SECOND, US
 
 if TYPE_CHECKING:
-    from pdgw.gateway.configuration.config import AxisConfig
+    from pdgw.gateway.configuration.axis_config import AxisConfig
     from pdgw.gateway.configuration.devices import EncoderConfig
 
 _DRIVE_CYCLE_US = 1000

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.drive_type import Quantity
-from pdgw.durations import MS
 from pdgw.gateway.axis.settings import quantity_of
-from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.axis_config import AxisConfig
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, HEADER, IOPS_GOOD, STATUS_NORMAL, TICK, CSduLayout

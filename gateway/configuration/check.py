@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from pdgw.base.validation import Problem
 from pdgw.ds301.aborts import CanopenError
-from pdgw.explain import Problem
-from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.axis_config import AxisConfig
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.toml_file import problem_text, read_text
 

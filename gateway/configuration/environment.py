@@ -10,10 +10,10 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
+from pdgw.base.durations import MS
+from pdgw.base.validation import misplaced
 from pdgw.ds301.node.node import NodeSettings
-from pdgw.durations import MS
-from pdgw.explain import misplaced
-from pdgw.gateway import identity
+from pdgw.gateway.base import identity
 from pdgw.gateway.configuration.defaults import (
     LONGEST_AGE_MS,
     STATUS_PORT,

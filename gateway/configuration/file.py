@@ -1,4 +1,8 @@
-"""The configuration as a file, and its examples."""
+"""The configuration as a file, and its examples.
+
+The commented example of a configuration, and the one of a simulation. The configuration as a file: read, with errors that name
+line and key, and written again.
+"""
 
 from __future__ import annotations
 
@@ -12,22 +16,21 @@ from typing import Final, TypeVar
 
 from pydantic import ValidationError
 
-from pdgw.explain import Problem, problems
+from pdgw.base.validation import Problem, problems
 from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     SECOND_SENSOR_NUMBERS,
     SPEED_TELEGRAM_NUMBERS,
 )
-from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig, Item
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.store import default_store
+from pdgw.gateway.configuration.axis_config import AxisConfig
+from pdgw.gateway.configuration.config import GatewayConfig, Item
 from pdgw.gateway.configuration.defaults import SIMULATED_BLOCKS, SIMULATED_ENCODER_TELEGRAM, SIMULATED_KEYS
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.toml_file import parse_toml, problem_text, read_text, toml_text
 from pdgw.gateway.configuration.web import MqttConfig, WebConfig
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.store import default_store
-
-# The commented example of a configuration, and the one of a simulation.
 
 
 def example() -> str:
@@ -85,9 +88,6 @@ def simulated(
     except ValidationError as error:
         messages = dict.fromkeys(problem.text for problem in problems(error, GatewayConfig))
         raise GatewayError("\n".join(messages)) from error
-
-
-# The configuration as a file: read, with errors that name line and key, and written again.
 
 
 FileSection = TypeVar("FileSection", WebConfig, MqttConfig)

@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from pdgw.explain import Location, Problem, problems
-from pdgw.files import read_file
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.files import read_file
+from pdgw.base.validation import Location, Problem, problems
+from pdgw.gateway.base.errors import GatewayError
 
 Root = TypeVar("Root", bound=BaseModel)
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, Strict, model_validator
 
-from pdgw.explain import misplaced
+from pdgw.base.validation import misplaced
 from pdgw.gateway.configuration.environment import Boolean, Integer, Section, in_words
 
 WEB_PORT = 8420

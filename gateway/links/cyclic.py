@@ -13,11 +13,11 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.reasons import Finding, Reason, with_count
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
-from pdgw.gateway.links.udp import Address
-from pdgw.gateway.reasons import Finding, Reason, with_count
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
     COUNTER_UNIT_NS,

@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final, Protocol
 
+from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
-from pdgw.durations import MS
+from pdgw.gateway.base.platform import DatagramPort
+from pdgw.gateway.base.reasons import Finding
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.cyclic import USUAL, CyclicEndpoint
 from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.gateway.links.new_frames import Verdict
-from pdgw.gateway.links.udp import Address
-from pdgw.gateway.platform import DatagramPort
-from pdgw.gateway.reasons import Finding
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
 from pdgw.gateway.motion.requests import FULL, Seen
 from pdgw.gateway.motion.travel import UserCourse
-from pdgw.gateway.reasons import Reason
 
 
 def _fraction(percent: int) -> int:

@@ -15,10 +15,11 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Final
 
-from pdgw.durations import SECOND, SECONDS_PER_MINUTE
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.units import difference, round_half_away
-from pdgw.gateway.reasons import Reason
+from pdgw.base.durations import SECOND, SECONDS_PER_MINUTE
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.motion.modulo import difference
+from pdgw.gateway.motion.units import round_half_away
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 
 KPC_PER_UNIT: Final = 1000

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import ClassVar, Protocol
 
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.positioner import ACTIVATE, HOME, Positioner
 from pdgw.gateway.motion.requests import (
     Command,
@@ -20,7 +21,6 @@ from pdgw.gateway.motion.requests import (
 )
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
 from pdgw.gateway.motion.travel import Course
-from pdgw.gateway.reasons import Reason
 
 _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOMING
 _DO_NOT_REJECT, _NO_INTERMEDIATE_STOP, _MDI_SELECTED = Command.DO_NOT_REJECT, Command.NO_INTERMEDIATE_STOP, Command.MDI

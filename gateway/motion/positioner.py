@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, Final
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
+from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.requests import (
     DIRECTIONS,
     FULL,
@@ -30,8 +32,6 @@ from pdgw.gateway.motion.requests import (
 )
 from pdgw.gateway.motion.states import FUNCTIONS, JOGS, TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.travel import Course, UserCourse
-from pdgw.gateway.motion.units import Direction
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 
 SHOWN_NS: Final = 100 * MS

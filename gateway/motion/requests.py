@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.gateway.motion.blocks import Block
-from pdgw.gateway.motion.units import Direction
+from pdgw.gateway.motion.modulo import Direction
 from pdgw.profidrive.datatypes import N2_100_PERCENT
 
 FULL = N2_100_PERCENT

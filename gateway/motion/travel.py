@@ -10,7 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.motion.modulo import Direction, difference, way
 from pdgw.gateway.motion.requests import (
     FULL,
     Command,
@@ -22,8 +24,6 @@ from pdgw.gateway.motion.requests import (
     PositionerRequest,
     Seen,
 )
-from pdgw.gateway.motion.units import Direction, difference, way
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import DataType
 
 FIXED_STOP_NS: Final = 100 * MS

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
@@ -16,23 +17,21 @@ from pdgw.dsp402.drive_type import DriveFault, Scaling
 from pdgw.dsp402.objects import ABORT_OPTION, CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
 from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
-from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
-from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
+from pdgw.gateway.base.store import ConfirmedUnits
+from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
-from pdgw.gateway.objects.enable_chain import EnableStatus, axis_enable_status
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.origins import ORDERS, Origin
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
-from pdgw.gateway.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
-from pdgw.gateway.store import ConfirmedUnits
-from pdgw.profidrive.frame import MONITORING_OFF
-from pdgw.profidrive.measuring import SensorFormat
+from pdgw.profidrive.sensor_format import SensorFormat
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import telegram
 
@@ -245,10 +244,6 @@ class Axis(DriveObject):
             if percent is not None and rated is not None:
                 return percent * float(rated) / 100
         return None
-
-    @property
-    def enable_status(self) -> EnableStatus:
-        return axis_enable_status(self)
 
     def _serve(self, outputs: Outputs) -> None:
         shown = self.drive.feedback.statusword

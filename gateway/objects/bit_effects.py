@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 
 _DRIVE: Final = ("Statusword", "60FDh")
 

@@ -30,13 +30,13 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
     is_answer,
 )
-from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.base.reasons import AxisState, By, FaultNumber, Finding, Reason
+from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
-from pdgw.gateway.objects.enable_chain import EnableStatus, untimed
+from pdgw.gateway.objects.enable_status import EnableStatus, untimed
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
 from pdgw.gateway.objects.origins import Origins
-from pdgw.gateway.reasons import AxisState, By, FaultNumber, Finding, Reason
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -85,6 +85,8 @@ class DriveObject(abc.ABC):
         """The last setpoints of the PLC, also after its loss."""
         self.log_event: Callable[[str, int | None, str, int], object] = lambda *_: None
         """``EventLog.add`` of the gateway."""
+        self.check_chain: Callable[[], EnableStatus] = lambda: EnableStatus(AxisState.STARTING, ())
+        """Checks the chain of enables (``enable_chain``)."""
         self.link_finding: Callable[[], Finding | None] = lambda: None
         """Why the PLC's frames do not count; None if they do, or if none come."""
         self.supplied = False
@@ -205,9 +207,9 @@ class DriveObject(abc.ABC):
         return self.fault_log.history
 
     @property
-    @abc.abstractmethod
     def enable_status(self) -> EnableStatus:
         """State word and chain of enables, as the last step left them."""
+        return self.check_chain()
 
     @property
     def cause(self) -> ReportedFault | None:

@@ -7,9 +7,8 @@ and derive nothing themselves.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final
 
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
@@ -20,9 +19,13 @@ from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.bit_effects import bit_texts
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
+from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.origins import Origin, clock, since
-from pdgw.gateway.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
 from pdgw.profidrive.encoder import (
     ENCODER_ACKNOWLEDGE,
     SENSOR_ACKNOWLEDGE,
@@ -33,11 +36,6 @@ from pdgw.profidrive.encoder import (
 from pdgw.profidrive.signal_text import value_text
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.words import unswapped
-
-if TYPE_CHECKING:
-    from pdgw.gateway.objects.axis import Axis
-    from pdgw.gateway.objects.drive_object import DriveObject
-    from pdgw.gateway.objects.encoder import EncoderObject
 
 _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
@@ -104,52 +102,6 @@ _OWN_FAULTS: Final = {
     Reason.SOFTWARE_LIMIT: FaultNumber.POSITIONER,
 }
 """Reasons whose details are in a fault or warning of the gateway."""
-
-
-_TIME = re.compile(r",? \(?(?:since|at) \d\d:")
-
-
-class ChainLink(NamedTuple):
-    """One link of the chain."""
-
-    enable: Enable
-    ok: bool | None
-    """None if the link cannot be checked: a drive on a broken bus is unknown."""
-    reason: Reason | None = None
-    """Reason of a broken link."""
-    evidence: str = ""
-    """Evidence that it is broken."""
-    remedy: str = ""
-    """The remedy."""
-
-
-def untimed(text: str) -> str:
-    """A text without its time and what follows."""
-    return _TIME.split(text)[0]
-
-
-class EnableStatus(NamedTuple):
-    """State word and chain."""
-
-    state: AxisState
-    chain: tuple[ChainLink, ...]
-
-    @property
-    def broken(self) -> ChainLink | None:
-        """The first broken link: it gives reason and remedy. None of an object in operation."""
-        return next((link for link in self.chain if link.ok is False), None)
-
-    @property
-    def sentence(self) -> str:
-        """State, reason and remedy: ``Fault: EMCY 7305h incremental sensor 1, since 14:02:11. Check the encoder cable.``"""
-        link = self.broken
-        return self.text if link is None else f"{self.text}. {link.remedy[:1].upper()}{link.remedy[1:]}."
-
-    @property
-    def text(self) -> str:
-        """State and reason."""
-        link = self.broken
-        return self.state.value if link is None else f"{self.state.value}: {link.evidence}"
 
 
 class _Chain:

@@ -25,10 +25,9 @@ from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import Outputs, SdoWrite
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
-from pdgw.gateway.objects.enable_chain import EnableStatus, encoder_enable_status
 from pdgw.gateway.objects.fault_buffer import ReportedFault
-from pdgw.profidrive.frame import MONITORING_OFF
-from pdgw.profidrive.measuring import SensorFormat
+from pdgw.profidrive.sensor_format import SensorFormat
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
 
 _TYPES = {row.index: row.type for row in PROFILE}
@@ -184,10 +183,6 @@ class EncoderObject(DriveObject):
     def powered(self) -> bool:
         """False: an encoder has no power stage."""
         return False
-
-    @property
-    def enable_status(self) -> EnableStatus:
-        return encoder_enable_status(self)
 
     def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
         return _TYPES[index].bits // 8, _TYPES[index].char.islower()

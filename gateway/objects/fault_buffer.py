@@ -1,6 +1,9 @@
 """The faults of one axis as the parameter channel shows them: P944 to P953, and the numbers it may show.
 
 Fed by the drive object, read by the parameter channel. Source: docs/parameter-channel.md "Fault buffer".
+
+P946 and P951: the fault numbers of a drive object with their codes and texts, element n for number n. ``own`` are the
+manufacturer's faults by number; the gateway's are the same for every drive object.
 """
 
 from __future__ import annotations
@@ -9,10 +12,10 @@ from collections import deque
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.drive_type import DriveFault
-from pdgw.durations import MS
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.reasons import EMCY_WARNING, GATEWAY_FAULTS
+from pdgw.gateway.base.reasons import EMCY_WARNING, GATEWAY_FAULTS
 from pdgw.profidrive.parameters.catalogue import NAME_SIZE
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
@@ -134,11 +137,6 @@ class FaultLog:
     def unacknowledged(self) -> list[FaultRecord]:
         """The unacknowledged faults, each once, also those without a place in situation 0."""
         return [item.record for item in self._active.values()]
-
-
-# P946 and P951: the fault numbers of a drive object with their codes and texts, element n for number n.
-#
-# ``own`` are the manufacturer's faults by number; the gateway's are the same for every drive object.
 
 
 _GATEWAY_CODES = {fault.number: fault.code for fault in GATEWAY_FAULTS.values()}

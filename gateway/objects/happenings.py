@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from pdgw.durations import SECOND
-from pdgw.gateway.reasons import with_count
+from pdgw.base.durations import SECOND
+from pdgw.gateway.base.reasons import with_count
 
 KEPT: Final = 100
 """Happenings that a drive object keeps."""

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Final
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.emcy import emcy_remedy
 from pdgw.ds301.loop.loop import Loop
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
 
 ORDERS: Final[dict[Reason | None, str]] = {
     Reason.RAMP_STOP: "ON came before the end of the OFF1 ramp",

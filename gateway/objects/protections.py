@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.requests import Command
-from pdgw.gateway.reasons import Reason
 
 if TYPE_CHECKING:
     from pdgw.gateway.objects.axis import Axis

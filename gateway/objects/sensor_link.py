@@ -1,4 +1,9 @@
-"""The touch probe of a drive, and an encoder of its own as G1 or G2 of an axis."""
+"""The touch probe of a drive, and an encoder of its own as G1 or G2 of an axis.
+
+Touch probe of a drive, by SDO: arm it, poll it, read the latched value (``Outputs.probe``). The drive latches the position
+itself, so the time of reading does not matter. Source: CiA 402-2, 60B8h to 60BDh. An encoder of its own as G1 or G2 of an
+axis: references and freshness for the axis machine, presets for the encoder.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +13,14 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import NOT_THERE, SdoAbortedError, abort_text
 from pdgw.dsp402.drive import touch_probe
 from pdgw.dsp402.drive.client import DriveClient
-from pdgw.durations import MS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import News, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.gateway.objects.drive_object import log
 from pdgw.gateway.objects.encoder import EncoderObject
-
-# Touch probe of a drive, by SDO: arm it, poll it, read the latched value (``Outputs.probe``).
-#
-# The drive latches the position itself, so the time of reading does not matter. Source: CiA 402-2, 60B8h to 60BDh.
-
 
 _log = logging.getLogger("gateway")
 
@@ -89,9 +89,6 @@ def _arm(drive: DriveClient, function: int) -> None:
     drive.sdo.write(touch_probe.FUNCTION, 0, bytes(_FUNCTION_BYTES))
     if function:
         drive.sdo.write(touch_probe.FUNCTION, 0, function.to_bytes(_FUNCTION_BYTES, "little"))
-
-
-# An encoder of its own as G1 or G2 of an axis: references and freshness for the axis machine, presets for the encoder.
 
 
 class SensorLink:

@@ -8,11 +8,11 @@ from ipaddress import IPv4Network
 from typing import TYPE_CHECKING
 
 from pdgw.ds301.loop.loop import Event, Task
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.links.udp import Address
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.parameters.records import Records
+from pdgw.gateway.service.running import RunningGateway
 from pdgw.profinet.rpc.records import NIL
 from pdgw.profinet.rpc.server import RecordHandler, RecordServer
 
@@ -26,7 +26,7 @@ _CALL = "a call of the record port was aborted"
 class AcyclicServer:
     """A daemon's service: the parameter channel and the identification records on the acyclic port."""
 
-    def __init__(self, daemon: Daemon) -> None:
+    def __init__(self, daemon: RunningGateway) -> None:
         transport = daemon.config.transport
         self._loop = daemon.loop
         self._link = daemon.link
@@ -100,7 +100,7 @@ class ProfinetRecords:
     the relationship that asked, whatever activities its calls have.
     """
 
-    def __init__(self, daemon: Daemon, link: ProfinetLink) -> None:
+    def __init__(self, daemon: RunningGateway, link: ProfinetLink) -> None:
         self._manager = ParameterManager(daemon)
         self._records = Records(daemon, self._manager, None)
         self._write_from = daemon.config.parameters.write_from or ()
@@ -121,7 +121,7 @@ class ProfinetRecords:
         self._manager.stop()
 
 
-def record_service(daemon: Daemon) -> AcyclicServer | ProfinetRecords:
+def record_service(daemon: RunningGateway) -> AcyclicServer | ProfinetRecords:
     """The record service on the transport of a daemon."""
     if daemon.config.transport.type == "udp":
         return AcyclicServer(daemon)

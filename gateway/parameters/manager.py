@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections import deque
 from concurrent.futures import Future
 
+from pdgw.base.durations import MS
 from pdgw.ds301.loop.loop import Event, Loop
-from pdgw.durations import MS
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.objects import RequestContext
 from pdgw.gateway.parameters.profile import (
     MAX_BLOCK,
@@ -21,6 +20,7 @@ from pdgw.gateway.parameters.profile import (
     NodeObject,
     RequestedObject,
 )
+from pdgw.gateway.service.running import RunningGateway
 from pdgw.profidrive.parameters.codec import is_negative
 from pdgw.profidrive.parameters.model import answer
 
@@ -30,7 +30,7 @@ _DO_ID_OFFSET = 2
 class ParameterManager:
     """All drive objects of a daemon."""
 
-    def __init__(self, daemon: Daemon) -> None:
+    def __init__(self, daemon: RunningGateway) -> None:
         nodes: list[NodeObject] = [AxisObject(daemon, axis) for axis in daemon.axes]
         nodes += [EncoderChannelObject(daemon, encoder) for encoder in daemon.encoders]
         self._objects: dict[int, BoundObject] = {node.do_id: node for node in nodes}

@@ -1,4 +1,4 @@
-"""CANopen objects as parameters, and the object that carries a signal (P923)."""
+"""CANopen objects as parameters 03E8h to EA5Fh, one to one, by SDO."""
 
 from __future__ import annotations
 
@@ -15,58 +15,14 @@ from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, SdoCommunica
 from pdgw.ds301.communication import RESTORE_PARAMETERS
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import CanType
-from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.parameters.guarded import Check, guard_of
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, ParameterRefused, Values
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
-from pdgw.profidrive.parameters.description import Description, Pnu
+from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, Values
+from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.error_numbers import ParameterRefused
 from pdgw.profidrive.parameters.model import converted
-from pdgw.profidrive.signals import signal
-
-# Which parameter or CANopen object carries a signal: P923.
-
-
-def _index(attribute: str) -> int:
-    return DRIVE_OBJECTS.attribute(attribute).index
-
-
-SIGNAL_SOURCES: dict[str, int] = {
-    "STW1": Pnu.STW1,
-    "ZSW1": Pnu.ZSW1,
-    "NSOLL_A": _index("target_velocity"),
-    "NIST_A": _index("velocity_actual"),
-    "NSOLL_B": _index("target_velocity"),
-    "NIST_B": _index("velocity_actual"),
-    "XIST_A": _index("position_actual"),
-    "SATZANW": _index("homing_method"),
-    "AKTSATZ": _index("homing_method"),
-    "MDI_TARPOS": _index("target_position"),
-    "MDI_VELOCITY": _index("profile_velocity"),
-    "MDI_ACC": _index("profile_acceleration"),
-    "MDI_DEC": _index("profile_deceleration"),
-    "IAIST_GLATT": _index("current_actual"),
-    "NIST_A_GLATT": _index("velocity_actual"),
-}
-"""Source by signal name; other signals have no single source object."""
-
-_ELEMENTS = 100
-
-
-def signal_list() -> tuple[int, ...]:
-    """P923: element n is the PNU that carries signal n, 0 where none does."""
-    sources = [0] * _ELEMENTS
-    for name, pnu in SIGNAL_SOURCES.items():
-        sources[signal(name).number] = pnu
-    return tuple(sources)
-
-
-# CANopen objects as parameters 03E8h to EA5Fh, one to one, by SDO.
-#
-# Source: docs/parameter-channel.md "1:1 objects". The wire format is the type in the EDS; an object the EDS does not know, or
-# whose length is not the one of its type, has the format of its length. An SDO abort is always an error, never a value.
-
 
 log = logging.getLogger("gateway")
 T = TypeVar("T")

@@ -28,19 +28,19 @@ from pdgw.dsp406.objects import (
     VERSIONS,
     WARNINGS,
 )
-from pdgw.gateway import identity
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base import identity
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import DEVICE_WARNING, EMCY_WARNING, FIRST_WARNING, GATEWAY_FAULTS, first_warning
+from pdgw.gateway.base.store import DeviceParameters, DoParameters
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import fault_codes, fault_numbers, fault_texts
-from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext, signal_list
-from pdgw.gateway.reasons import DEVICE_WARNING, EMCY_WARNING, FIRST_WARNING, GATEWAY_FAULTS, first_warning
-from pdgw.gateway.store import DeviceParameters, DoParameters
+from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext
+from pdgw.gateway.parameters.signal_list import signal_list
+from pdgw.gateway.service.running import RunningGateway
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.measuring import encode_sensor_format
 from pdgw.profidrive.parameters.catalogue import (
     AXIS_CLASS,
     ENCODER_CLASS,
@@ -50,10 +50,12 @@ from pdgw.profidrive.parameters.catalogue import (
     PARAMETERS,
     PROFILE_IDENTIFICATION,
 )
-from pdgw.profidrive.parameters.codec import MAX_PARAMETERS, ParameterRefused
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
 from pdgw.profidrive.parameters.description import Pnu
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.error_numbers import ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter
+from pdgw.profidrive.sensor_format import encode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 from pdgw.profinet.station import Station
@@ -178,12 +180,12 @@ def _constant(value: Sequence[int]) -> Getter:
     return lambda: value
 
 
-def _unit(daemon: Daemon) -> tuple[int, ...]:
+def _unit(daemon: RunningGateway) -> tuple[int, ...]:
     transport = daemon.config.transport
     return identity.unit(transport.vendor_id, transport.device_id)
 
 
-def _store_is_saved(daemon: Daemon, change: Callable[[DeviceParameters], None]) -> None:
+def _store_is_saved(daemon: RunningGateway, change: Callable[[DeviceParameters], None]) -> None:
     """Change stored parameters and write the file; the PLC gets an error when it cannot be written, and nothing changes."""
     try:
         daemon.update_store(change)
@@ -195,7 +197,7 @@ def _store_is_saved(daemon: Daemon, change: Callable[[DeviceParameters], None]) 
 class NodeObject(BoundObject):
     """A drive object with a node: common part of axes and encoders."""
 
-    def __init__(self, daemon: Daemon, owner: DriveObject) -> None:
+    def __init__(self, daemon: RunningGateway, owner: DriveObject) -> None:
         super().__init__(owner.do_id)
         self.daemon = daemon
         self.owner = owner
@@ -345,7 +347,7 @@ class NodeObject(BoundObject):
 class AxisObject(NodeObject):
     """The drive object of an axis."""
 
-    def __init__(self, daemon: Daemon, axis: Axis) -> None:
+    def __init__(self, daemon: RunningGateway, axis: Axis) -> None:
         super().__init__(daemon, axis)
         self.axis = axis
         self.bind(Pnu.OPERATING_MODE, self._operating_mode)
@@ -375,7 +377,7 @@ class AxisObject(NodeObject):
 class EncoderChannelObject(NodeObject):
     """The drive object of an encoder's channel."""
 
-    def __init__(self, daemon: Daemon, encoder: EncoderObject) -> None:
+    def __init__(self, daemon: RunningGateway, encoder: EncoderObject) -> None:
         super().__init__(daemon, encoder)
         self.encoder = encoder
         identification = ENCODER_IDENTIFICATION.to_bytes(2, "big")
@@ -411,7 +413,7 @@ class EncoderChannelObject(NodeObject):
 class DeviceObject(BoundObject):
     """DO 0: the device; also every DO's global parameters."""
 
-    def __init__(self, daemon: Daemon, axes: Sequence[NodeObject]) -> None:
+    def __init__(self, daemon: RunningGateway, axes: Sequence[NodeObject]) -> None:
         super().__init__(0)
         config = daemon.config
         address = config.transport.listen.packed

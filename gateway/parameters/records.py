@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network
 from uuid import UUID
 
-from pdgw.gateway import identity
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import Address
+from pdgw.gateway.base import identity
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.store import DeviceParameters
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
-from pdgw.gateway.store import DeviceParameters
+from pdgw.gateway.service.running import RunningGateway
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import HEADER_SIZE, RequestId
 from pdgw.profinet.model import DAP_SLOT, INTERFACE_SUBSLOT, PORT_SUBSLOT, TELEGRAM_SUBSLOT
@@ -83,7 +83,7 @@ class Records:
 
     def __init__(
         self,
-        daemon: Daemon,
+        daemon: RunningGateway,
         manager: ParameterManager,
         ar_uuid: UUID | None,
         writers: Sequence[IPv4Network] | None = None,

@@ -8,8 +8,8 @@ from itertools import groupby
 from math import inf
 from typing import Any, Final
 
-from pdgw.gateway.objects.enable_chain import untimed
-from pdgw.gateway.reasons import AxisState, Reason
+from pdgw.gateway.base.reasons import AxisState, Reason
+from pdgw.gateway.objects.enable_status import untimed
 
 _OBEYS: Final = AxisState.OBEYS.name
 _FINE: Final = (_OBEYS, AxisState.OFF.name)

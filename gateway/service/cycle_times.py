@@ -8,7 +8,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import Final, Protocol
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 
 BOUNDS_NS: Final = (*(int(step * scale * MS) for scale in (0.1, 1, 10) for step in (1, 2, 5)), 100 * MS)
 """Upper ends of the classes: 0.1 to 100 ms in steps of 1, 2, 5. Longer times have their own class."""

@@ -1,4 +1,13 @@
-"""What the gateway uses of the operating system: real-time scheduling, the service manager."""
+"""What the gateway uses of the operating system: real-time scheduling, the service manager.
+
+Real-time scheduling of the gateway's process, if the operating system grants it.
+
+The exchange runs with a real-time priority (SCHED_FIFO), unless the process was started with another policy. A refusal is
+logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available.
+
+Report to the service manager that the gateway is ready and alive: the protocol of sd_notify(3), a datagram for each line. The
+sign of life comes only from the cyclic loop: a loop that hangs is ended and started again.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +17,8 @@ import socket
 from collections.abc import Mapping
 from typing import Final
 
+from pdgw.base.durations import US
 from pdgw.ds301.counters import Counters
-from pdgw.durations import US
-
-# Real-time scheduling of the gateway's process, if the operating system grants it.
-#
-# The exchange runs with a real-time priority (SCHED_FIFO), unless the process was started with another policy. A refusal is
-# logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available.
-
 
 DEFAULT_PRIORITY: Final = 40
 """Below the threads of the kernel that serve network and CAN (50)."""
@@ -57,11 +60,6 @@ def usual(pid: int) -> None:
     """Restore normal scheduling for a child process, which inherits the gateway's."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
-
-
-# Report to the service manager that the gateway is ready and alive: the protocol of sd_notify(3), a datagram for each line.
-#
-# The sign of life comes only from the cyclic loop: a loop that hangs is ended and started again.
 
 
 _SHARE = 4

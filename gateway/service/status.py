@@ -10,12 +10,13 @@ from datetime import datetime
 from typing import Any
 
 from pdgw import __version__
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.loop import Event, Loop, Task, Timer
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.identity import interpreter, kind
+from pdgw.gateway.base.identity import interpreter, kind
+from pdgw.gateway.base.ports import bound
+from pdgw.gateway.base.store import units_text
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_chain import device_warning, notes
@@ -23,9 +24,8 @@ from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
 from pdgw.gateway.objects.protections import protections
-from pdgw.gateway.ports import bound
 from pdgw.gateway.service.causes import causes, who
-from pdgw.gateway.store import units_text
+from pdgw.gateway.service.running import RunningGateway
 from pdgw.profidrive.signal_text import Rated, scale, texts
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import ApplicationMode
@@ -247,7 +247,7 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     )
 
 
-def _head(daemon: Daemon) -> dict[str, Any]:
+def _head(daemon: RunningGateway) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
     received_ns, finding = daemon.link.received_ns, daemon.link.finding()
@@ -293,13 +293,13 @@ def _head(daemon: Daemon) -> dict[str, Any]:
     }
 
 
-def snapshot(daemon: Daemon) -> dict[str, Any]:
+def snapshot(daemon: RunningGateway) -> dict[str, Any]:
     """The daemon as plain data."""
     document: dict[str, Any] = json.loads(b"".join(encoded(daemon)))
     return document
 
 
-def encoded(daemon: Daemon) -> Iterator[bytes]:
+def encoded(daemon: RunningGateway) -> Iterator[bytes]:
     """The snapshot as one line of JSON, one drive object at a time: the exchange continues between two parts."""
     yield json.dumps(_head(daemon))[:-1].encode()
     found = []
@@ -312,7 +312,7 @@ def encoded(daemon: Daemon) -> Iterator[bytes]:
     yield f', "last_event": {daemon.events.newest}, "causes": {json.dumps(causes(found))}}}\n'.encode()
 
 
-def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, Any]]:
+def explanation(daemon: RunningGateway, items: Sequence[DriveObject]) -> list[dict[str, Any]]:
     """Events around the last fault or stop of drive objects, in at most ten lines."""
     found = around_the_last_stop(happening for item in items for happening in item.happenings)
     return [
@@ -320,13 +320,13 @@ def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, 
     ]
 
 
-def events_after(daemon: Daemon, number: int) -> Iterator[dict[str, Any]]:
+def events_after(daemon: RunningGateway, number: int) -> Iterator[dict[str, Any]]:
     """The events with a higher number, the oldest first."""
     for event in daemon.events.after(number):
         yield event._asdict() | {"time": clock_time(event.time)}
 
 
-def answered(daemon: Daemon, request: bytes) -> Iterator[bytes]:
+def answered(daemon: RunningGateway, request: bytes) -> Iterator[bytes]:
     """The answer to a request, in parts.
 
     Nothing asks for the status, ``events NUMBER`` for the events after this one, ``faults DO`` for all faults of a drive object,
@@ -363,7 +363,7 @@ def _refused(field: str, text: str) -> bytes:
 class StatusServer:
     """Answers the one line of every connection on 127.0.0.1 (``answered``) and closes it."""
 
-    def __init__(self, daemon: Daemon, port: int) -> None:
+    def __init__(self, daemon: RunningGateway, port: int) -> None:
         self._daemon = daemon
         self._loop = daemon.loop
         self._tasks: set[Task] = set()

@@ -7,8 +7,8 @@ import socket
 import time
 from typing import Any
 
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.last_words import last_words
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.service.last_words import last_words
 
 _PATIENCE_S = 5.0
 _LEAST_S = 0.001

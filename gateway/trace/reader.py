@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, Self
 
-from pdgw.gateway.errors import GatewayError, problem
+from pdgw.gateway.base.errors import GatewayError, problem
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.step_reader import Routes, Step, StepReader

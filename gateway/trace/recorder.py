@@ -17,20 +17,20 @@ from bisect import bisect_left
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from pdgw.base.durations import MS, SECOND, US
 from pdgw.ds301.bus.network import FrameTap
-from pdgw.durations import MS, SECOND, US
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.identity import build_text
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.base.run_directory import PREVIOUS, SUFFIX, locked
 from pdgw.gateway.configuration.file import public_config
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.identity import build_text
-from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.place import PREVIOUS, SUFFIX, locked
 from pdgw.gateway.trace.steps import StepRecord, step_record, to_json
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.ethernet import header
 
 if TYPE_CHECKING:
-    from pdgw.gateway.daemon import Daemon
+    from pdgw.gateway.service.running import RunningGateway
 
 log = logging.getLogger("gateway")
 
@@ -85,7 +85,7 @@ class _BusTap(FrameTap):
 class FlightRecorder:
     """Records until ``stop``; GatewayError from the constructor when the folder cannot be made."""
 
-    def __init__(self, daemon: Daemon, directory: Path, name: str) -> None:
+    def __init__(self, daemon: RunningGateway, directory: Path, name: str) -> None:
         self._daemon = daemon
         self._link = daemon.link
         self.configuration = public_config(daemon.config)

@@ -1,4 +1,17 @@
-"""Steps of drive objects as bytes, and values of the gateway as JSON."""
+"""Steps of drive objects as bytes, and values of the gateway as JSON.
+
+Values of the gateway as JSON with named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them.
+
+A value has the name of its class, so a recording does not depend on the module that defines it. A reader ignores a field
+that this version does not have, and gives a new one its default.
+
+The step of a drive object as bytes: what its machine was given and what it decided.
+
+The frames of the same cycle are in the same recording. While they have all that has changed, a step is two bytes, and the
+reader gets setpoints, feedback and command from the frames. Values that are read or written by SDO follow if they change. A
+step is recorded with all of its values if something else has changed, if the frames do not have its values (device not online,
+RPDO waiting), and once a second.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +29,7 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.gateway.axis.encoder_machine import EncoderInputs
 from pdgw.gateway.axis.values import EncoderInput, Events, Inputs, Outputs, SdoWrite
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import ChannelInput, EncoderObject
@@ -35,12 +48,6 @@ from pdgw.gateway.trace.pcapng import (
     TracedObject,
 )
 
-# Values of the gateway as JSON with named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them.
-#
-# A value has the name of its class, so a recording does not depend on the module that defines it. A reader ignores a field
-# that this version does not have, and gives a new one its default.
-
-
 _KIND: Final = ""
 """Key of the kind of a value that JSON does not have."""
 _VALUE: Final = "is"
@@ -54,7 +61,7 @@ HOMES: Final = (
     "pdgw.gateway.motion.blocks",
     "pdgw.gateway.motion.dsc_setpoint",
     "pdgw.gateway.motion.requests",
-    "pdgw.gateway.reasons",
+    "pdgw.gateway.base.reasons",
     "pdgw.gateway.trace.pcapng",
 )
 """Modules with the classes of recorded values."""
@@ -113,14 +120,6 @@ def recorded_class(name: str) -> Any:
         if is_dataclass(found) or (isinstance(found, type) and issubclass(found, enum.Enum)):
             return found
     raise GatewayError(f"{name}: this version has no such value")
-
-
-# The step of a drive object as bytes: what its machine was given and what it decided.
-#
-# The frames of the same cycle are in the same recording. While they have all that has changed, a step is two bytes, and the
-# reader gets setpoints, feedback and command from the frames. Values that are read or written by SDO follow if they change. A
-# step is recorded with all of its values if something else has changed, if the frames do not have its values (device not online,
-# RPDO waiting), and once a second.
 
 
 _SENSOR: Final = (

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from pdgw.ds301.bus.can_frame import CAN_FRAME
-from pdgw.gateway.ports import bound
+from pdgw.gateway.base.ports import bound
 
 log = logging.getLogger("peers")
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from uuid import UUID
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.peers.controller.project import INPUT_FRAME_ID, Project
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import HEADER, IOPS_GOOD

@@ -1,4 +1,8 @@
-"""The IO controller on an Ethernet interface, and the PLC simulator with it."""
+"""The IO controller on an Ethernet interface, and the PLC simulator with it.
+
+The IO controller on an Ethernet interface, with the machine's clock. The PLC simulator on PROFINET: scenarios and keyboard
+with real Ethernet frames.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,10 @@ from collections.abc import Callable, Sequence
 from ipaddress import IPv4Address, IPv4Interface
 from uuid import uuid4
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.links.profinet.ethernet import RawEthernet
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.exchange import ControllerExchange
@@ -29,10 +34,6 @@ from pdgw.profinet.model import (
 )
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.station import Identity, IpSuite, Station
-from pdgw.tools.client.udp import ParameterClient
-
-# The IO controller on an Ethernet interface, with the machine's clock.
-
 
 _WAIT_NS = 100 * MS
 
@@ -87,9 +88,6 @@ class RunningController:
         """Close the interface."""
         self.port.close()
         self._loop.close()
-
-
-# The PLC simulator on PROFINET: scenarios and keyboard with real Ethernet frames.
 
 
 _RETRY_NS = SECOND

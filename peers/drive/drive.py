@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import can
 
+from pdgw.base.durations import MS
 from pdgw.ds301.bus.port import CanPort
 from pdgw.ds301.communication import ERROR_CONTROL, GUARD_TIME, GUARD_TOGGLE, LIFE_TIME_FACTOR, NmtState
 from pdgw.ds301.configuration import EVENT_TIMER
@@ -17,7 +18,6 @@ from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive import touch_probe
-from pdgw.durations import MS
 from pdgw.peers.drive.drive_behaviours import DRIVE_HABITS
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.model.model import DriveModel

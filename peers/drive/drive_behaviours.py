@@ -10,8 +10,8 @@ from dataclasses import replace
 from random import Random
 from typing import TYPE_CHECKING, Final, cast
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.states import Command, State
-from pdgw.durations import MS
 from pdgw.peers.drive.model.latency import DelayLine
 from pdgw.peers.node.behaviour import Behaviour, catalogue
 from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS, Periodic, Reboot

@@ -1,4 +1,9 @@
-"""The simulated drive as a CANopen device: its objects, its family, its EDS."""
+"""The simulated drive as a CANopen device: its objects, its family, its EDS.
+
+Facts of the simulated drive from the overlay of the ENGEL-like drive: modes, homing methods, fault numbers. The ENGEL-like
+drive as a CANopen device: all objects with values and limits, identity, and its EDS. Source: the manufacturer's guide chapters
+5-7. ``python -m pdgw.peers.drive.objects`` rewrites ``dsp402/eds/engel.eds``; a test fails when the file is out of date.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +20,6 @@ from pdgw.dsp402.modes import STANDARD_HOMING_METHODS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import pdo
 
-# Facts of the simulated drive from the overlay of the ENGEL-like drive: modes, homing methods, fault numbers.
-
-
 FAMILY = overlay("engel")
 FAMILY_MODES = FAMILY.modes
 """The manufacturer's values of 6060h."""
@@ -32,11 +34,6 @@ DRIVE_FAULTS = FAMILY.drive_faults
 """Faults by the number in 200Ch."""
 HOMING_METHODS = {method: (STANDARD_HOMING_METHODS | FAMILY.homing_texts)[method] for method in FAMILY.homing_methods}
 """Values of 6098h with the switch or mark that they search."""
-
-
-# The ENGEL-like drive as a CANopen device: all objects with values and limits, identity, and its EDS.
-#
-# Source: the manufacturer's guide chapters 5-7.
 
 
 _sheet, _vendor = FAMILY.eds_path, FAMILY.match.vendor_id
@@ -160,9 +157,6 @@ def drive_objects(serial_number: int = 1, pdos: int = 5) -> tuple[ObjectSpec, ..
         *pdo_objects(pdos, pdos, DEFAULT_PDOS),
         *OBJECTS.objects,
     )
-
-
-# ``python -m pdgw.peers.drive.objects`` rewrites ``dsp402/eds/engel.eds``; a test fails when the file is out of date.
 
 
 if __name__ == "__main__":

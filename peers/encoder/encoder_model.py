@@ -1,4 +1,15 @@
-"""The simulated encoder without CANopen, and its habits."""
+"""The simulated encoder without CANopen, and its habits.
+
+Behaviours of a simulated encoder in addition to those of any CANopen node.
+
+Source: CiA DSP 406 V2.0 chapter 6.2; CiA DS 301 (error register 1001h). Which alarm goes with which code is our choice: the
+profile leaves it to the manufacturer.
+
+The simulated encoder without CANopen: channels, registers and diagnostics.
+
+Source: CiA DSP 406 V2.0 chapter 8. The caller passes the time in nanoseconds. Not simulated: wrong positions. An alarm says
+that the position may be wrong; here it stays correct.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +19,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final, cast
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp406 import objects
 from pdgw.dsp406.kinds import (
     OPERATING_RESERVED,
@@ -22,16 +34,10 @@ from pdgw.dsp406.kinds import (
     chain,
     speed_value,
 )
-from pdgw.durations import MS, SECOND
 from pdgw.peers.encoder.motion import Motion, Standstill, still
 from pdgw.peers.habits import HABITS
 from pdgw.peers.node.behaviour import Behaviour, catalogue
 from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS
-
-# Behaviours of a simulated encoder in addition to those of any CANopen node.
-#
-# Source: CiA DSP 406 V2.0 chapter 6.2; CiA DS 301 (error register 1001h). Which alarm goes with which code is our choice: the
-# profile leaves it to the manufacturer.
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +71,6 @@ class Cause(Behaviour):
 
 ENCODER_HABITS: Final = {**NODE_HABITS, **catalogue("encoder", (*NODE_BEHAVIOURS, Cause))}
 """All habits of a simulated encoder."""
-
-
-# The simulated encoder without CANopen: channels, registers and diagnostics.
-#
-# Source: CiA DSP 406 V2.0 chapter 8. The caller passes the time in nanoseconds. Not simulated: wrong positions. An alarm says
-# that the position may be wrong; here it stays correct.
 
 
 ObjectReader = Callable[[int, int], int]

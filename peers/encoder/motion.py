@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.dsp406.kinds import Dsp406Error
-from pdgw.durations import SECOND
 from pdgw.peers.option_values import MOTIONS
 
 Motion = Callable[[int], float]

@@ -11,13 +11,13 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import EMCY, ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, NmtCommand, NmtState
 from pdgw.ds301.objects import COMMUNICATION_AREA, Access, CanType, Entry, ObjectSpec
 from pdgw.ds301.pdo import PDO_PARAMETERS, Pdo, is_communication_parameter
 from pdgw.ds301.sdo_transfer import SdoServer
-from pdgw.durations import MS
 from pdgw.peers.node.behaviour import NONE, Behaviour, Catalogue, HabitValues, make
 from pdgw.peers.node.device import Device, Value
 from pdgw.peers.node.node_behaviours import NODE_HABITS

@@ -13,6 +13,7 @@ from operator import attrgetter
 from random import Random
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand
@@ -21,7 +22,6 @@ from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIV
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter
 from pdgw.ds301.sdo_transfer import COMMAND, CONFIRM, DOWNLOAD, EXPEDITED, SEGMENT, SIZE, TOGGLE, UPLOAD
-from pdgw.durations import MS
 from pdgw.peers.node.behaviour import Behaviour, catalogue
 from pdgw.peers.node.device import Value
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.communication import NmtState
@@ -23,7 +24,6 @@ from pdgw.ds301.pdo import (
     is_communication_parameter,
     is_mapping_parameter,
 )
-from pdgw.durations import MS
 from pdgw.peers.node.device import Device
 
 NEVER: Final = 1 << 62

@@ -1,4 +1,9 @@
-"""A running simulated node, and a loop in its own thread."""
+"""A running simulated node, and a loop in its own thread.
+
+A loop in its own thread, for programs whose main thread does something else. A running simulated node: a ``SimulatedNode`` on
+a bus, called for frames and at its own times. It connects the simulation to clock and bus. A device profile adds the commands
+of its device.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +20,6 @@ from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, open_port
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.loop import Loop, SystemLoop, Timer
 from pdgw.peers.node.node import SendFunction, SimulatedNode
-
-# A loop in its own thread, for programs whose main thread does something else.
-
 
 log = logging.getLogger("peers")
 
@@ -53,11 +55,6 @@ class LoopThread:
 def simulation_thread() -> LoopThread:
     """The thread that runs all simulated nodes of this process on real buses."""
     return LoopThread("simulation")
-
-
-# A running simulated node: a ``SimulatedNode`` on a bus, called for frames and at its own times.
-#
-# It connects the simulation to clock and bus. A device profile adds the commands of its device.
 
 
 N = TypeVar("N", bound=SimulatedNode)

@@ -13,9 +13,9 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.following import Follow, can_follow
 from pdgw.peers.plc.notation import Scalar

@@ -10,16 +10,16 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from pdgw.durations import SECOND
-from pdgw.gateway.links.udp import Address
+from pdgw.base.durations import SECOND
+from pdgw.gateway.base.udp import Address
+from pdgw.gateway.client.address import Target
+from pdgw.gateway.client.session import Element, Session
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.notation import parse_time
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.tools.client.address import Target
-from pdgw.tools.client.session import Element, Session
-from pdgw.tools.client.udp import ParameterClient
 
 
 class PlcRunner(abc.ABC):

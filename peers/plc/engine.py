@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from pdgw.durations import SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import SECOND
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.client.address import Target, parse_target
+from pdgw.gateway.client.session import Element
 from pdgw.peers.plc.actions import Access, Order, Set, Wait
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.following import Follow, Following, can_follow
 from pdgw.peers.plc.notation import Scalar, Word, comparison, expected, find, integer, parse_time, raw_value, written
 from pdgw.peers.plc.scenario import ACTIONS, Scenario, Step
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.client.address import Target, parse_target
-from pdgw.tools.client.session import Element
 
 Run = Callable[[int], bool]
 """One part of a step: called each cycle with the time, until it returns True."""

@@ -2,6 +2,11 @@
 
 Values: ``1234``, ``0x4D2``, ``2000h``, ``50 %`` or, with the references of the scenario, ``1500 rpm`` and ``2000 inc``. Expected
 values also ``<= 5``, ``100 +- 2`` and ``& 0x4F = 0x40``. Times ``500 ms`` and ``3 s``.
+
+Words of the PLC simulator from the telegrams: every sent value and bit by its declared name.
+
+A value has the name of its signal (``override``, ``kpc``), a bit its declared name (``tracking``, ``open_brake``). Bits of a
+sensor's word have the sensor as a prefix (``g1_park``). All are in lower case. Bits without a function are left out.
 """
 
 from __future__ import annotations
@@ -14,14 +19,14 @@ from functools import cache, partial
 from types import MappingProxyType
 from typing import Protocol
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import GatewayError
-from pdgw.phrases import did_you_mean
+from pdgw.base.durations import MS, SECOND
+from pdgw.base.phrases import did_you_mean
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.client.address import parse_integer
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal, float_of, float_pattern
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Direction, TelegramHalf, telegram
 from pdgw.profidrive.words import Bit
-from pdgw.tools.client.address import parse_integer
 
 Scalar = int | float | str
 _FULL_SCALE = {DataType.N2: N2_100_PERCENT, DataType.N4: N4_100_PERCENT}
@@ -133,12 +138,6 @@ def integer(name: str, value: Scalar, others: str = "") -> int:
         return parse_integer(text)
     except ValueError:
         raise GatewayError(f"{name} = {text[:40]!r}: expected 1234, 0x4D2, 2000h{others}") from None
-
-
-# Words of the PLC simulator from the telegrams: every sent value and bit by its declared name.
-#
-# A value has the name of its signal (``override``, ``kpc``), a bit its declared name (``tracking``, ``open_brake``). Bits of a
-# sensor's word have the sensor as a prefix (``g1_park``). All are in lower case. Bits without a function are left out.
 
 
 _WITHOUT_FUNCTION = ("DEVICE_", "RESERVED")

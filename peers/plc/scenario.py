@@ -14,12 +14,12 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from pdgw.explain import misplaced
+from pdgw.base.phrases import did_you_mean
+from pdgw.base.validation import misplaced
 from pdgw.peers.plc import actions
 from pdgw.peers.plc.actions import Access, Action, Home, Mdi, Measuring, Model, Move, Reading, Set, SettingUp, Wait
 from pdgw.peers.plc.exchange.following import Follow
 from pdgw.peers.plc.notation import Scalar, parse_time, telegrams_of
-from pdgw.phrases import did_you_mean
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
 from pdgw.profidrive.telegrams import telegram

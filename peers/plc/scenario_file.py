@@ -10,10 +10,10 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from pdgw.durations import MS
-from pdgw.explain import Problem, problems
+from pdgw.base.durations import MS
+from pdgw.base.validation import Problem, problems
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.toml_file import check_depth, read_text
-from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Scenario

@@ -1,4 +1,11 @@
-"""Simulated devices from a file or from a gateway's configuration."""
+"""Simulated devices from a file or from a gateway's configuration.
+
+The file of ``pdgw sim bus``: several simulated devices on one bus, with their faults. TOML, validated by pydantic with the
+messages of the gateway's own configuration. ``example()`` is itself valid. Simulated devices on one bus, for `pdgw sim bus`.
+The faults and their parameters: docs/simulation.md. The simulated devices of a gateway's configuration: ``simulate = true`` in
+its [[axis]] and [[encoder]] tables. The gateway itself does not use them. The program that starts it also starts them, in a
+separate process or in a world.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +16,16 @@ from typing import Annotated, Any, Literal
 import can
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from pdgw.base.validation import misplaced, problems
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.port import CanPort
 from pdgw.dsp406.kinds import ROTARY
-from pdgw.explain import misplaced, problems
-from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig, as_list
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.configuration.axis_config import AxisConfig, as_list
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.environment import CanConfig, Integer, Port
 from pdgw.gateway.configuration.toml_file import parse_toml, read_text, toml_text
-from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import ENGEL, SHAPES
 from pdgw.peers.drive.model.latency import LATENCY_MAX_MS
 from pdgw.peers.drive.model.shapes import ENDLESS, SYNCHRONOUS, Shape
@@ -25,10 +33,6 @@ from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.behaviour import make, parse
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, encoder_device
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
-
-# The file of ``pdgw sim bus``: several simulated devices on one bus, with their faults.
-#
-# TOML, validated by pydantic with the messages of the gateway's own configuration. ``example()`` is itself valid.
 
 
 class _Section(BaseModel):
@@ -161,7 +165,6 @@ def load_bus(path: Path) -> BusConfig:
 def example() -> str:
     """A commented, valid example."""
     return """\
-# Simulated devices on one bus, for `pdgw sim bus`. The faults and their parameters: docs/simulation.md.
 
 [can]
 interface = "virtual"        # any python-can interface
@@ -204,11 +207,6 @@ motion = ["speed=1.5", "sine=2,10"]  # one a channel, in revolutions (linear: mm
 [[device.fault]]
 name = "battery"
 """
-
-
-# The simulated devices of a gateway's configuration: ``simulate = true`` in its [[axis]] and [[encoder]] tables.
-#
-# The gateway itself does not use them. The program that starts it also starts them, in a separate process or in a world.
 
 
 def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfig]:

@@ -1,4 +1,8 @@
-"""Simulated devices in the foreground, and their text commands."""
+"""Simulated devices in the foreground, and their text commands.
+
+Text commands of the simulators: one line in, one line out, on standard input or a loopback TCP port. Run simulated devices in
+the foreground: console, ports, signals.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +22,13 @@ from typing import Any
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.ports import refusal
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.ports import refusal
 from pdgw.peers.drive.objects import DRIVE_FAULTS
 from pdgw.peers.node.behaviour import parse
 from pdgw.peers.option_values import CONSOLE_COMMANDS
 from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.devices import Simulation
-
-# Text commands of the simulators: one line in, one line out, on standard input or a loopback TCP port.
-
 
 _LINE_MAX = 1000
 """Longest command line in characters; the longest command has about 100."""
@@ -181,9 +182,6 @@ def read_standard_input(console: Console, at_end: Callable[[], None] | None = No
             at_end()
 
     threading.Thread(target=read, name="stdin", daemon=True).start()
-
-
-# Run simulated devices in the foreground: console, ports, signals.
 
 
 _PERIOD_S = 0.2

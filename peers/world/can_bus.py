@@ -12,11 +12,11 @@ from collections.abc import Callable
 from random import Random
 from typing import Final
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.can_frame import EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
 from pdgw.ds301.bus.load import frame_bits
 from pdgw.ds301.bus.port import PortBusyError, PortLostError, Receiver, deliver
 from pdgw.ds301.loop.loop import Loop, Timer
-from pdgw.durations import MS, SECOND
 
 _EXTENDED_BITS: Final = 20
 """Additional bits of an extended identifier, without stuffing."""

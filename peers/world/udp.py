@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 
+from pdgw.base.durations import MS
 from pdgw.ds301.loop.loop import Loop
-from pdgw.durations import MS
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import Address
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.udp import Address
 
 _FIRST_FREE_PORT = 49152
 _ANY = "0.0.0.0"
@@ -29,7 +29,7 @@ class Conditions:
 
 
 class SimulatedUdpPort:
-    """A bound port: a ``gateway.platform.DatagramPort``."""
+    """A bound port: a ``gateway.base.platform.DatagramPort``."""
 
     def __init__(self, network: SimulatedNetwork, address: Address) -> None:
         self.errors = 0

@@ -1,4 +1,9 @@
-"""Numbers of the profile's parameters, and the parameter description."""
+"""Numbers of the profile's parameters, and the parameter description.
+
+Numbers of the profile's parameters by name; ``profidrive.parameters.catalogue`` describes them. Source: PROFIdrive profile 4.1
+chapter 6.2 and 6.3.9, encoder profile 4.2. The parameter description (attribute 20h): 46 bytes, or one of its 12 elements.
+Source: PROFIdrive profile 4.1 chapter 6.2.1.4; bits of the identifier as public drive manuals print them.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +16,8 @@ from typing import Final
 
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber, ParameterRefused, Values
-
-# Numbers of the profile's parameters by name; ``profidrive.parameters.catalogue`` describes them.
-#
-# Source: PROFIdrive profile 4.1 chapter 6.2 and 6.3.9, encoder profile 4.2.
+from pdgw.profidrive.parameters.codec import Values
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber, ParameterRefused
 
 
 class Pnu(enum.IntEnum):
@@ -63,11 +65,6 @@ class Pnu(enum.IntEnum):
     STATION_MASK = 61004
     PRESET_VALUE = 65000
     OPERATING_STATUS = 65001
-
-
-# The parameter description (attribute 20h): 46 bytes, or one of its 12 elements.
-#
-# Source: PROFIdrive profile 4.1 chapter 6.2.1.4; bits of the identifier as public drive manuals print them.
 
 
 NAME_LENGTH = 16

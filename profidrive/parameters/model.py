@@ -14,9 +14,9 @@ from typing import Protocol
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters import codec
 from pdgw.profidrive.parameters.catalogue import NAME_SIZE, ParameterSpec
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
-from pdgw.profidrive.parameters.codec import ParameterRefused
 from pdgw.profidrive.parameters.description import UNITS, Description
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.error_numbers import ParameterRefused
 
 _GENERIC = {1: DataType.BYTE, 2: DataType.WORD, 4: DataType.DOUBLE_WORD}
 _HIGHEST_SUBINDEX = 0xFFFE

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 from uuid import UUID
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX
 from pdgw.profinet.wire import (
     Block,

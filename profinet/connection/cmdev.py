@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol
 from uuid import UUID
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import HEADER
 from pdgw.profinet import ethernet

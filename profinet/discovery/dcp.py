@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import ethernet
 from pdgw.profinet.station import NO_IP, IpSuite, Station, check_name

@@ -9,7 +9,7 @@ import enum
 import struct
 from typing import Final
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import ethernet
 from pdgw.profinet.station import Neighbour, Station

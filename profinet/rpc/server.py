@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 from uuid import UUID
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.rpc import dcerpc, records
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader

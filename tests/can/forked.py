@@ -16,11 +16,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pdgw.__main__ import run
-from pdgw.gateway import assembly
+from pdgw.gateway.client import session
 from pdgw.gateway.configuration import file
+from pdgw.gateway.daemon.daemon import assembly
 from pdgw.peers.plc import client
 from pdgw.peers.simulation import console
-from pdgw.tools.client import session
 from pdgw.tools.commands.commissioning import config
 from pdgw.tools.commands.gateway import param, status
 from pdgw.tools.commands.gateway import run as daemon

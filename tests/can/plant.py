@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.interfaces import open_bus
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.assembly import build_gateway
+from pdgw.gateway.base.udp import UdpSocket
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.links.udp import UdpSocket
+from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
 from pdgw.peers.plc.exchange.plc import Plc

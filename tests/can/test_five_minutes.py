@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.defaults import STATUS_PORT
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from tests.can.forked import Forked, forked
 from tests.can.interfaces import Wire, ip, is_controller

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import open_port
@@ -18,7 +19,6 @@ from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import drive_layout
 from tests.can import interfaces
 from tests.can.interfaces import Wire

@@ -9,10 +9,10 @@ from __future__ import annotations
 import time
 from typing import Final
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.ds301.loop.readiness import best_readiness
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.platform import SystemPlatform
+from pdgw.gateway.base.platform import SystemPlatform
 
 _AT_MOST_NS: Final = 20 * MS
 """Between two looks at the clock no more than this passes, beside what the loop meant to wait: the rest was a stall."""

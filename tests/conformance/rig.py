@@ -6,13 +6,13 @@ import os
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
-from pdgw.durations import MS, SECOND
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.configuration.file import config_text
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import DriveModel, SimulatedDrive
 from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION

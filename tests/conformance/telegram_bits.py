@@ -15,9 +15,9 @@ from typing import Any
 
 import yaml
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.gateway.configuration.file import simulated
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario import Scenario

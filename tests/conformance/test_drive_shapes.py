@@ -9,9 +9,9 @@ from collections.abc import Mapping
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.durations import SECOND
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.peers.drive import SHAPES, shape
 from tests.conformance.rig import COMPLETE, DriveRig, drive
 from tests.support.drives.latency import draw_latency

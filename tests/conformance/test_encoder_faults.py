@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.states import State
 from pdgw.dsp406.encoder import EncoderClient
 from pdgw.dsp406.objects import OPERATING_PARAMETERS
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis import encoder_machine
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.encoder.encoder_model import ENCODER_FAULTS
 from pdgw.peers.encoder.motion import Motion, still

@@ -11,7 +11,7 @@ from itertools import product
 
 import pytest
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.peers.habits import HABITS, Habit
 from tests.conformance.rig import COMPLETE
 from tests.long.soak.calm import CalmRun, calm_plan

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.doubles import Doubles, Jumps, SecondTpdos
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection
-from pdgw.durations import MS, SECOND
 from pdgw.peers.world import World
 
 READ, WRITE, ABORTED, SEGMENT = 0x40, 0x2B, 0x80, 0x60

@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, Receiver, open_port
 from pdgw.ds301.communication import NMT, SDO_RESPONSE
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.durations import MS, SECOND
 from pdgw.peers.world.can_bus import SimulatedCan
 from tests.support import buses
 

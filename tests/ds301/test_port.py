@@ -14,13 +14,13 @@ import can
 import pytest
 from can.interfaces.socketcan import SocketcanBus
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import pack_frame
 from pdgw.ds301.bus.interfaces import open_bus, system_text
 from pdgw.ds301.bus.port import SocketPort, open_port
 from pdgw.ds301.loop.arrivals import SO_TIMESTAMPNS
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.durations import MS
 from tests.support import buses
 
 

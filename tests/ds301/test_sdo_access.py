@@ -9,13 +9,13 @@ from typing import TypeVar
 import pytest
 from canopen.objectdictionary import ODVariable
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.node.sdo import Inquiry
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.sdo_transfer import Upload
-from pdgw.durations import MS
 from tests.support.gateways import site
 
 T = TypeVar("T")

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import CyclicFrames, bus_load, check_load, frame_bits, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
@@ -25,7 +26,6 @@ from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.identification.generic import generic_dictionary
 from pdgw.dsp402.states import Command
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.world import Member, World

@@ -10,6 +10,7 @@ from random import Random
 import pytest
 from canopen.objectdictionary import ODVariable
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.communication import NMT, STORE_PARAMETERS, NmtCommand
@@ -23,7 +24,6 @@ from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.node.node import Value

@@ -6,13 +6,13 @@ from collections.abc import Collection, Mapping, Sequence
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from tests.support.axis.mapping import engel_layout, pdo_steps
 from tests.support.drives.plant import NODE, Plant, observe

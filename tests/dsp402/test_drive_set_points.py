@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import can
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.loop.loop import Event
@@ -18,7 +19,6 @@ from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.states import ControlBit
-from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.node.node import Value
 from tests.support.drives.plant import NODE, Plant, observe

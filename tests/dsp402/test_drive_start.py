@@ -9,6 +9,7 @@ from pathlib import Path
 import can
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import SYNC_COUNTER, SYNC_PERIOD, NmtCommand, NmtState
 from pdgw.ds301.loop.loop import Event
@@ -21,7 +22,6 @@ from pdgw.dsp402.drive_type import Dsp402Error, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.units.mechanics import UnitKeys
-from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.node.node import Value

@@ -20,8 +20,8 @@ from pdgw.dsp402.identification.generic import dictionary_of, discovered_diction
 from pdgw.dsp402.identification.overlay import overlay, overlay_for, overlays, parse_overlay
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, SUPPORTED_DRIVE_MODES, SUPPORTED_HOMING_METHODS
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.file import config_text, load_config, parse_config
-from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.objects import DRIVE_FAULTS, HOMING_METHODS, OBJECTS, PRODUCT_CODE, VENDOR_ID, drive_objects
 from tests.support.cli import pdgw as command
 from tests.support.drives.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import SdoAbortedError
 from pdgw.ds301.node.node import TpdoSlot
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.drive.checks import CONTRADICTIONS, TpdoCheck
+from pdgw.dsp402.drive.tpdo_check import CONTRADICTIONS, TpdoCheck
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.durations import MS, SECOND
 
 pytestmark = pytest.mark.planted
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.demo import namespaces
 from pdgw.tools.recording.recorder import CAPTURE
 from tests.support.cli import pdgw as in_process

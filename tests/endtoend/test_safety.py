@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.gateway.base.run_directory import rings, run_directory
 from pdgw.gateway.service.status_client import fetch
-from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.peers.bus import INTERFACE, ServedBus
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw

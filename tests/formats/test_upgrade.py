@@ -10,20 +10,20 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import SECOND
-from pdgw.gateway import store
-from pdgw.gateway.assembly import build_gateway
+from pdgw.base.durations import SECOND
+from pdgw.gateway.base import store
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.store import ParameterStore
+from pdgw.gateway.client import dump
+from pdgw.gateway.client.dump import Dump
 from pdgw.gateway.configuration import config
 from pdgw.gateway.configuration.file import config_text, load_config
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.client import dump
-from pdgw.tools.client.dump import Dump
 from tests.formats.write import HERE
 from tests.support import cli
 

@@ -8,11 +8,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
+from pdgw.gateway.base.store import DeviceParameters, DoParameters
 from pdgw.gateway.configuration.file import config_text, parse_config
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.parameters.acyclic import AcyclicServer
-from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.recording.trace_keeper import part_of

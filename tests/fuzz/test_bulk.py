@@ -13,10 +13,10 @@ from uuid import UUID
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import EMCY, ERROR_CONTROL, NMT, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State, state_of
-from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.peers.drive import SimulatedDriveNode
@@ -28,8 +28,6 @@ from pdgw.profidrive.parameters.catalogue import PARAMETERS, ParameterSpec
 from pdgw.profidrive.parameters.codec import (
     Attribute,
     ParameterAddress,
-    ParameterErrorNumber,
-    ParameterRefused,
     Request,
     RequestId,
     Values,
@@ -37,6 +35,7 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber, ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc import dcerpc

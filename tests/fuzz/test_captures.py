@@ -15,7 +15,7 @@ import can
 import pytest
 
 from pdgw.ds301.aborts import CanopenError
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
 from pdgw.tools.decoder.capture.source import Source, source_of_stream

@@ -8,7 +8,7 @@ import tracemalloc
 
 import pytest
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.connection.cmdev import Event
 from pdgw.profinet.model import API_PROFIDRIVE

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from pdgw.gateway.daemon import Daemon
-from pdgw.tools.client.udp import ParameterClient
+from pdgw.gateway.client.udp import ParameterClient
+from pdgw.gateway.daemon.daemon import Daemon
 from tests.support.gateways.daemon import axis
 from tests.support.gateways.parameters import gateway
 

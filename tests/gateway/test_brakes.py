@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, SYNC, NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.node.node import Value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand
 from pdgw.ds301.node.client import NodeClient
@@ -11,10 +12,9 @@ from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.dsp402.objects import CONTROLWORD
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value

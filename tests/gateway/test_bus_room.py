@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, CyclicFrames, bus_load, frame_bits, response_times, sdo_gap_ns
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import Command
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.world import Member, World
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.tools.commands.commissioning.config import app

@@ -9,22 +9,22 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.communication import NMT, NmtCommand, NmtState
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Outputs
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.udp import UdpSocket
 from pdgw.gateway.configuration.file import simulated
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.assembly import build_gateway
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.link import UdpLink
 from pdgw.gateway.links.new_frames import Verdict
-from pdgw.gateway.links.udp import UdpSocket
 from pdgw.gateway.service import status as status_module
 from pdgw.gateway.service import status_client
 from pdgw.gateway.service.status import StatusServer

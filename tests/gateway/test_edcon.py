@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from tests.support.gateways.daemon import axis, configuration, drive_of, running, until
 from tests.support.gateways.edcon_master import edcon_master
 

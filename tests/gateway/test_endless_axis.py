@@ -6,9 +6,9 @@ import logging
 
 import pytest
 
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_chain import notes
-from pdgw.gateway.reasons import Reason
 from pdgw.gateway.service.status import axis_status
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.signals import signal

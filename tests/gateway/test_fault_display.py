@@ -8,11 +8,11 @@ from random import Random
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.states import StatusBit
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import EMCY_WARNING
+from pdgw.gateway.base.reasons import EMCY_WARNING
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import DriveModel
 from pdgw.tools.output.status_text import status_lines

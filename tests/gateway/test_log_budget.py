@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.durations import SECOND
-from pdgw.gateway.log_budget import AT_ONCE, REPORT_NS, LogBudget
+from pdgw.gateway.base.log_budget import AT_ONCE, REPORT_NS, LogBudget
 from tests.support.gateways.daemon import ON, Plc, drive_of, operating
 
 log = logging.getLogger("gateway")

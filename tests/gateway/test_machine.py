@@ -21,15 +21,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import MACHINE_CLOCK, SystemLoop
-from pdgw.durations import SECOND
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.store import DeviceParameters, ParameterStore
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
-from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from tests.support.gateways.daemon import Plc, axis, configuration, running, world_of
@@ -162,7 +162,7 @@ def test_a_read_only_store_refuses_a_change_and_leaves_the_axis_in_operation(
 WRITER = """
 import sys
 from pathlib import Path
-from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.base.store import ParameterStore
 store = ParameterStore(Path(sys.argv[1]), print)
 number = 0
 while True:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import can
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, PRODUCER_HEARTBEAT, SDO_REQUEST, SYNC, NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.dsp402.objects import POSITIONING_OPTION
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.assembly import build_gateway
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.masters import LISTEN_NS
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.daemon.assembly import build_gateway
+from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.daemon.masters import LISTEN_NS
 from pdgw.gateway.parameters.objects import relies_on
-from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.world import World
 from tests.support.gateways.daemon import (
     SIMULATED_POSITIONER,

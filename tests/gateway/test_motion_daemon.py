@@ -9,11 +9,11 @@ import pytest
 
 from pdgw.ds301.objects import Access, CanType, var
 from pdgw.dsp402.states import State
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import simulated
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine

@@ -20,9 +20,9 @@ from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, questions
 from pdgw.dsp402.identification.generic import generic_dictionary
 from pdgw.dsp402.pdo.layouts import LAYOUTS
 from pdgw.dsp402.states import State, state_of
+from pdgw.gateway.base.store import ParameterStore
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.peers.node.node import Value
 from pdgw.profidrive.datatypes import DataType

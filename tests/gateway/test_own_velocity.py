@@ -9,10 +9,10 @@ from dataclasses import replace
 import pytest
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
 from pdgw.gateway.motion.requests import FULL
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.signals import signal
 from tests.support.axis.positioner import ABSOLUTE, PositionerRig, move

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.assembly import build_gateway
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.store import ParameterStore
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.service.status import snapshot
-from pdgw.gateway.store import ParameterStore
 from pdgw.peers.world.udp import Conditions
 from pdgw.tools.output.status_text import status_lines
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, running, until, world_of

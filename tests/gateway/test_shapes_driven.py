@@ -6,24 +6,24 @@ from dataclasses import replace
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.objects import Access
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.objects import MODE
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.client.session import Session
 from pdgw.gateway.commissioning.telegram_check import lacks
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.parameters.codec import ParameterAddress
-from pdgw.tools.client.session import Session
 from tests.support.documents.profile_numbers import decode_sensor_format
 from tests.support.drives.drive_types import described
 from tests.support.gateways.daemon import (

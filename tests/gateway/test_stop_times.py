@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.states import Command, State
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import Value

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC, SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
 from pdgw.dsp402.drive.guarding import GuardTimes, guard
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.daemon.sync import Spread
 from pdgw.gateway.service.status import snapshot
-from pdgw.gateway.sync import Spread
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from pdgw.tools.output.status_text import status_lines

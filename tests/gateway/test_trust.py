@@ -8,13 +8,13 @@ from typing import Final
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoCommunicationError
 from pdgw.ds301.communication import NMT, NmtCommand
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.drive.client import DriveClient
-from pdgw.durations import MS
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.daemon.daemon import Daemon
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, operating, world_of
 
 TIMEOUT_MS: Final = 5000

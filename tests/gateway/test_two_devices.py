@@ -8,11 +8,11 @@ from itertools import cycle, repeat
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_RESPONSE, NmtCommand, NmtState
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode
 from pdgw.peers.world import Member

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.daemon import Daemon
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.profidrive.signals import signal
 from tests.support.documents.situations import SLOW_PLC, run_out
 from tests.support.drives.own_law_drive import Law, OwnLawDrive

@@ -11,7 +11,7 @@ from pdgw.gateway.axis import interlock, power_table
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import Action, Drive, Phase
 from pdgw.gateway.axis.power_table import CELLS, ENABLES, ROWS, UNPOWERED, Cell, Row
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 
 Patch = pytest.MonkeyPatch
 Plant = Callable[[Patch], None]

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS
-from pdgw.gateway.identity import COMPILED, kind
+from pdgw.base.durations import MS
+from pdgw.gateway.base.identity import COMPILED, kind
 from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.frames.engine import Decoder, Settings, given_axes
 from tests.long.bench import counting, exchange, profinet, stops

@@ -23,12 +23,12 @@ from pdgw.gateway.axis.power_table import (
 )
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import ACTIVATE, HOME, BasicPositioner
 from pdgw.gateway.motion.requests import Command, Motion, PositionerRequest
 from pdgw.gateway.motion.states import Event
-from pdgw.gateway.reasons import Reason
-from pdgw.profidrive.frame import SignOfLife
+from pdgw.profidrive.sign_of_life import SignOfLife
 from tests.long.planted import FOLLOW, LOCKS, Patch, Plant, each_cell, replaced, row, wrapped
 from tests.long.rules import Rule
 from tests.long.walk.cases import LONG_TICK_NS, Case

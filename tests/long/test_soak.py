@@ -12,12 +12,12 @@ from random import Random
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.links.udp import Address
+from pdgw.gateway.base.udp import Address
 from pdgw.peers.drive import SHAPES
 from pdgw.peers.world import Conditions
 from pdgw.profidrive.frame import CSduLayout

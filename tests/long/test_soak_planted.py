@@ -10,8 +10,8 @@ from random import Random
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS

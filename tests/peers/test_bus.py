@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import CAN_FRAME, EXTENDED, pack_frame, unpack_frame
 from pdgw.ds301.bus.interfaces import open_bus
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, Hub, LoopbackBus, ServedBus
 from pdgw.peers.bus.hub import JOIN, PROBE, WELCOME
 from pdgw.peers.drive import SimulatedDrive

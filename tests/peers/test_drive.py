@@ -6,10 +6,10 @@ import struct
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, Command, ControlBit, State, StatusBit, state_of
-from pdgw.durations import MS
 from pdgw.peers.drive import Machine, SimulatedDriveNode
 from pdgw.peers.drive.objects import CURRENT_CONTROL, DRIVE_FAULTS, HOMING_METHODS, SPEED_CONTROL, TURNTABLE
 from tests.support.drives.drive_bench import NODE, SMALL, Bench, drive_in

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit
-from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation

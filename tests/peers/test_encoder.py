@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import LOAD_SIGNATURE, SAVE_SIGNATURE, NmtCommand
 from pdgw.dsp406.kinds import LINEAR, ROTARY, Dsp406Error, EncoderDevice, multi_sensor
-from pdgw.durations import MS
 from pdgw.peers.encoder import Motion, SimulatedEncoderNode
 from pdgw.peers.encoder.encoder_model import ENCODER_FAULTS
 from pdgw.peers.encoder.motion import Follower, constant_speed, parse_motion, points, recorded, sine, still

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.durations import MS
 from pdgw.peers.drive import Machine, SimulatedDriveNode
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.encoder import SimulatedEncoderNode

@@ -7,10 +7,10 @@ from random import Random
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.states import State, state_of
-from pdgw.durations import MS
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.peers.drive import Latency, SimulatedDrive
 from pdgw.peers.simulation.config import add_device, parse_bus
 from pdgw.peers.simulation.devices import Simulation

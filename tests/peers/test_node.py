@@ -9,11 +9,11 @@ import canopen
 import pytest
 from canopen.sdo import SdoClient
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import NmtState, communication_objects, pdo_objects
 from pdgw.ds301.eds.writer import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, ObjectSpec, var
-from pdgw.durations import MS
 from pdgw.peers.node.node import SimulatedNode
 
 NODE = 9

@@ -14,8 +14,11 @@ from hypothesis import strategies as st
 from scapy.layers.inet import UDP
 from scapy.utils import rdpcap
 
-from pdgw.durations import MS
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import MS
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.client.address import Target, parse_target
+from pdgw.gateway.client.session import Element
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.peers.controller.plc import ProfinetPlc
@@ -30,9 +33,6 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
-from pdgw.tools.client.address import Target, parse_target
-from pdgw.tools.client.session import Element
-from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.output.plc_capture import Capture
 from tests.support.axis.strategies import axes_values
 from tests.support.gateways.daemon import record_server

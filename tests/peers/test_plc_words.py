@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.following import Follow, Following, PositionLoop

@@ -6,11 +6,11 @@ import struct
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError
 from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
 from pdgw.peers.drive import ENGEL, LINEAR_AXIS, SHAPES, Machine, SimulatedDriveNode, shape
 from pdgw.peers.drive.model.shapes import ENDLESS, SYNCHRONOUS
 from tests.support.drives.drive_types import described

@@ -19,10 +19,10 @@ from typing import cast
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import CanopenError
-from pdgw.durations import SECOND
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive.drive_behaviours import DRIVE_HABITS
 from pdgw.peers.node.node_behaviours import NODE_HABITS

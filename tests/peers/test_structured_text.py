@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.tools.plc.declarations import StructuredTextError
 from tests.support.structured_text.compiler import Compiler
 from tests.support.structured_text.controller import Controller

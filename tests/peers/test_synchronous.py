@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import Command, State, StatusBit
-from pdgw.durations import MS
 from pdgw.peers.drive import DriveModel
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import EXTENDED, REMOTE
 from pdgw.ds301.bus.load import frame_bits
 from pdgw.ds301.bus.port import PortBusyError, PortLostError
-from pdgw.durations import MS, SECOND
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.environment import CanConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.peers.world import Conditions, Member, World
 
 BITRATE = 500_000

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
     PARKED_NS,
@@ -28,7 +28,7 @@ from pdgw.profidrive.encoder import (
     speed_normalisation,
 )
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import MONITORING_OFF, SignOfLife
+from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 from tests.support.documents.profile_oracle import SENSOR_SHOWN, sensor_state
 
 ACKNOWLEDGE, PARK, ABSOLUTE, PRESET, RELATIVE = 0x8000, 0x4000, 0x2000, 0x1000, 0x0800

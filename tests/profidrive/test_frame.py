@@ -14,8 +14,8 @@ from scapy.utils import rdpcap, wrpcap
 
 from pdgw.profidrive import frame as rt
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import MONITORING_OFF, SignOfLife
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind, cyclic_frame, field_name
+from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from tests.support.axis.strategies import axes_values
 from tests.support.readers import tshark

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import PARKED_NS, SensorError, SensorInterface
 from pdgw.profidrive.parameters.catalogue import ParameterSpec, Scope
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber, ParameterRefused
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber, ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
 from tests.gateway.axis.test_velocity import Bench
 from tests.support.documents import profile_oracle as oracle

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from pdgw.profidrive.encoder import PARKED_NS, SensorError, SensorInterface, SensorState
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.measuring import Measuring, SensorFormat, encode_sensor_format
+from pdgw.profidrive.measuring import Measuring
+from pdgw.profidrive.sensor_format import SensorFormat, encode_sensor_format
 from pdgw.profidrive.signals import signal
 from tests.support.documents.profile_numbers import decode_sensor_format
 

@@ -16,7 +16,7 @@ from scapy.layers.inet import UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import wrpcap
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.model import API_PROFIDRIVE, ObjectKind, object_module

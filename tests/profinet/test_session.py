@@ -14,7 +14,7 @@ import pytest
 from scapy.contrib.lldp import LLDPDU, LLDPDUTimeToLive
 from scapy.layers.l2 import Ether
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.alarm import MessageClass

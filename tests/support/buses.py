@@ -9,11 +9,11 @@ from contextlib import contextmanager
 
 import can
 
+from pdgw.base.durations import MS
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import open_port
 from pdgw.ds301.loop.loop import Loop, SystemLoop
-from pdgw.durations import MS
 
 _numbers = itertools.count()
 _loops: list[SystemLoop] = []

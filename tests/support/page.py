@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from typing import Any
 from unittest.mock import patch
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.web import WebConfig
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import events_after, explanation, fault_status, snapshot
 from pdgw.tools.recording.trace_keeper import captured
 from pdgw.tools.web.app import Capture, Parameters, made_page

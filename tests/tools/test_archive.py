@@ -15,8 +15,8 @@ import pytest
 import typer
 
 import pdgw
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.file import config_text, simulated
-from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
 from pdgw.tools.decoder.export.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part

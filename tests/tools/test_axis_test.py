@@ -11,15 +11,15 @@ from random import Random
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import ERROR_CONTROL
 from pdgw.ds301.objects import Access, CanType, Entry, array, var
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.store import ParameterStore, confirmation, units_text
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
-from pdgw.gateway.store import ParameterStore, confirmation, units_text
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive, shape
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.world import World

@@ -16,9 +16,9 @@ from rich.text import Text
 from typer.core import TyperOption
 from typer.testing import CliRunner, Result
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.phrases import counted
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.links import cyclic
-from pdgw.phrases import counted
 from pdgw.tools import commands
 from pdgw.tools.cli import app
 from pdgw.tools.command_table import COMMANDS, EXAMPLES, SIM_COMMANDS, Command, Entry, Group

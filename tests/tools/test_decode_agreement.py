@@ -11,7 +11,7 @@ import pytest
 from scapy.layers.can import CAN
 from scapy.utils import PcapReader
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from pdgw.tools.decoder.capture.source import open_source
 from pdgw.tools.decoder.frames.canopen.can_records import EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
 from pdgw.tools.decoder.capture.pcap import CaptureError

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 import typer
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.configuration.toml_file import toml_text
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.peers.simulation.config import add_device, parse_bus

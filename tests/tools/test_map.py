@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.byte_map import Place, frame_maps
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import IOPS_GOOD, TICK

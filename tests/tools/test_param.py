@@ -17,12 +17,9 @@ import pytest
 
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY
-from pdgw.gateway.errors import GatewayError
-from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import Values
-from pdgw.profinet.rpc import identification
-from pdgw.tools.client.address import Target, parse_target, parse_type, parse_value
-from pdgw.tools.client.dump import (
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.client.address import Target, parse_target, parse_type, parse_value
+from pdgw.gateway.client.dump import (
     Dump,
     DumpedElement,
     Restored,
@@ -32,8 +29,11 @@ from pdgw.tools.client.dump import (
     read_all,
     restore,
 )
-from pdgw.tools.client.session import Element, Session, full_name, meaning
-from pdgw.tools.client.udp import ParameterClient, read_identification
+from pdgw.gateway.client.session import Element, Session, full_name, meaning
+from pdgw.gateway.client.udp import ParameterClient, read_identification
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import Values
+from pdgw.profinet.rpc import identification
 from pdgw.tools.command_table import EXAMPLES
 from tests.support.cli import pdgw
 from tests.support.gateways.daemon import axis, configuration, encoder_of, reached, serving, until

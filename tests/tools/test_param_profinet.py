@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pdgw.durations import MS
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import MS
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.client import udp as client_module
+from pdgw.gateway.client.udp import ParameterClient, read_identification
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profinet.blocks.connect_blocks import ArType
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.tools.cli import app
-from pdgw.tools.client import udp as client_module
-from pdgw.tools.client.udp import ParameterClient, read_identification
 from tests.support.gateways.daemon import axis
 from tests.support.gateways.profinet_daemon import Plant, PlantChannel, configuration, plant
 

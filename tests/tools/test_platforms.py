@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from tests.support.axis.recorded import speed
 from tests.support.axis.rig import NODE

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.states import State
-from pdgw.durations import SECOND
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode
 from tests.support.gateways.daemon import drive_of, encoder_of, running

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.states import State
-from pdgw.durations import SECOND
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.reasons import Reason
 from pdgw.tools.plc.code import structured_text
 from tests.support.gateways.daemon import drive_of, running
 from tests.support.plc.motion_blocks import POSITIONS, VELOCITIES, Axis, axis_with

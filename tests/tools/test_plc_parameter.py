@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.client.udp import ParameterClient
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive.objects import DRIVE_FAULTS
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber
-from pdgw.tools.client.udp import ParameterClient
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber
 from pdgw.tools.plc.library import template
 from tests.support.gateways.daemon import client, drive_of, record_server, running
 from tests.support.plc.structured_text import TextPlc, config_of, program

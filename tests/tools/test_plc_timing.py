@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.gateway.configuration.file import simulated
 from tests.support.gateways.daemon import running
 from tests.support.plc.motion_blocks import Axis

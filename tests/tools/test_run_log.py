@@ -20,10 +20,10 @@ from typing import cast
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.communication import EMCY, SDO_RESPONSE
 from pdgw.ds301.counters import Counters
-from pdgw.durations import SECOND
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.tools.recording import recorder
 from pdgw.tools.service.log_format import LogFormat, LogLevel, formatter
 from pdgw.tools.service.run_log import RunLog, on_signals

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from pdgw.durations import MS
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import MS
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.commands.capture.timeline import replay, timeline
 from pdgw.tools.decoder.capture.pcap import CaptureError
 from pdgw.tools.decoder.capture.source import open_source

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.defaults import Trigger
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.commands.capture.timeline import timeline

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from pdgw.ds301.counters import Counters
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.ports import bound, refusal
 from pdgw.gateway.configuration.file import config_text, simulated
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.ports import bound, refusal
 from pdgw.tools.cli import main
 from pdgw.tools.options import end_as_by_ctrl_c
 from pdgw.tools.service import run_log

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pdgw.gateway.reasons import AxisState, Enable, Reason
+from pdgw.gateway.base.reasons import AxisState, Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.output.reports import Check, Report
 from pdgw.tools.recording.recordings import Part, write_page

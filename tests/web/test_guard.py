@@ -10,9 +10,9 @@ from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.file import load_config, parse_config
 from pdgw.gateway.configuration.web import WebConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.server.guard import (
     COOKIE,
     FAILURES_MAX,

@@ -16,9 +16,9 @@ import pytest
 from paho.mqtt.client import Client, MQTTMessageInfo
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.web import MqttConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message, topic_name
 from pdgw.tools.web.status.watch import Watch
 from tests.support.buses import PATIENCE_S

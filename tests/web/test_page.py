@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.events import EventLog
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.service.events import EventLog
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.profidrive.telegrams import telegram

@@ -18,8 +18,8 @@ from typing import Any, cast
 import pytest
 
 import pdgw.tools.web
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.web import WebConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.app import STATIC
 from pdgw.tools.web.parameters import PageParameters
 from pdgw.tools.web.server.server import CONNECTIONS_MAX, Places, made_server

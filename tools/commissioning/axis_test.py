@@ -12,19 +12,19 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
 
+from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.drive_type import POSITIONS, DriveType, Quantity, Scaling
 from pdgw.dsp402.objects import POSITION_ACTUAL
-from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.platform import Platform
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.commissioning.supervisions import Measured
 from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import TransportConfig
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.platform import Platform
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
+from pdgw.base.durations import SECONDS_PER_MINUTE
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.durations import SECONDS_PER_MINUTE
 
 _TOLERANCE = Fraction(5, 100)
 _UNCERTAIN_S = Fraction(2, 100)

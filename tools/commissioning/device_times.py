@@ -7,6 +7,7 @@ from typing import Final
 
 import can
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, NmtState
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.ds301.node.plan import Pace, PdoPlan, PlannedPdo
@@ -14,7 +15,6 @@ from pdgw.ds301.sdo_transfer import COMMAND, DOWNLOAD, UPLOAD, address_in, addre
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, MODE, MODE_DISPLAY, STATUS_ATTRIBUTE
 from pdgw.dsp402.states import State, next_state, state_of
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.commissioning.supervisions import SUPERVISIONS, Measured
 

@@ -15,7 +15,7 @@ from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import Events, PresetAnswer, ProbeAnswer, SdoAnswer
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame

@@ -16,7 +16,7 @@ import time
 from types import TracebackType
 from typing import Final, NoReturn, Self
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 
 HERE: Final = "eth1"
 THERE: Final = "plc"

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.capture.source import open_source

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from pdgw.gateway.base.errors import GatewayError, writing
 from pdgw.gateway.configuration.toml_file import toml_text
-from pdgw.gateway.errors import GatewayError, writing
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.tools.demo.chapters import Chapter
 from pdgw.tools.demo.links import RECORD, DemoLink, free_ports

@@ -1,4 +1,8 @@
-"""Device descriptions: the GSDML file that is written, the data sheets (EDS, DCF) that are read."""
+"""Device descriptions: the GSDML file that is written, the data sheets (EDS, DCF) that are read.
+
+Write the device description for engineering tools (GSDML). Show the import of data sheets (EDS, DCF) as text and JSON:
+repairs, and lines that prevent the import.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +14,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pdgw.base.phrases import counted
 from pdgw.ds301.eds.importer import EdsImport, import_eds
 from pdgw.ds301.eds.text import EdsError
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.environment import TransportConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.station import PRODUCT, RELEASED, VENDOR_NAME, min_device_interval, profinet_identity
-from pdgw.phrases import counted
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind
-
-# Write the device description for engineering tools (GSDML).
-
 
 TELEGRAMS = {ObjectKind.AXIS: DRIVE_TELEGRAM_NUMBERS, ObjectKind.ENCODER: ENCODER_TELEGRAM_NUMBERS}
 _NO_MAC = bytes(6)
@@ -42,9 +43,6 @@ def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:
     except OSError as error:
         raise GatewayError(f"{option} {folder}: {path.name} cannot be written ({error.strerror or error})") from error
     return path
-
-
-# Show the import of data sheets (EDS, DCF) as text and JSON: repairs, and lines that prevent the import.
 
 
 def imported(file: Path, node_id: int) -> EdsImport | EdsError:

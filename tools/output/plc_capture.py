@@ -8,9 +8,9 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from pdgw.durations import SECOND, US
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import Address
+from pdgw.base.durations import SECOND, US
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.trace.pcapng import udp_header
 
 _FILE = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)

@@ -17,7 +17,7 @@ from rich import box
 from rich.table import Table
 
 import pdgw
-from pdgw.gateway.errors import GatewayError, writing
+from pdgw.gateway.base.errors import GatewayError, writing
 
 
 def to_be_written(option: typer.CallbackParam, file: Path | None) -> Path | None:
@@ -157,9 +157,6 @@ def _table(titles: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator
     for row in rows:
         yield "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
     yield "</table>"
-
-
-# Tables for terminals.
 
 
 def plain_table(*titles: str, title: str | None = None, narrow: tuple[str, ...] = ()) -> Table:

@@ -1,4 +1,8 @@
-"""The status of a gateway as text, and for monitoring systems."""
+"""The status of a gateway as text, and for monitoring systems.
+
+``pdgw status --check``: one line and an exit code in the format of monitoring systems (Nagios, Icinga, Zabbix). The status of
+a gateway as text: each cause, then one line for each drive object, folded to the terminal's width.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,9 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pdgw.durations import MS_PER_SECOND
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import AxisState, Reason
-
-# ``pdgw status --check``: one line and an exit code in the format of monitoring systems (Nagios, Icinga, Zabbix).
-
+from pdgw.base.durations import MS_PER_SECOND
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import AxisState, Reason
 
 _BAD = (AxisState.FAULT.name, AxisState.NOT_ON_THE_BUS.name)
 _CONNECTED = ("", *(reason.name for reason in (Reason.PLC_STOP, Reason.PLC_BAD, Reason.OTHER_SENDER)))
@@ -71,9 +72,6 @@ def check_line(document: dict[str, Any]) -> tuple[Health, str]:
     text = "; ".join(finding.text for finding in found) or f"PLC connected, {obeying} of {len(items)} in operation"
     figures = f"objects={len(items)} obeying={obeying} findings={len(found)} uptime={document['uptime_s']:.0f}s"
     return health, f"{health.name} - {document['name']}: {text} | {figures}".replace("\n", " ")
-
-
-# The status of a gateway as text: each cause, then one line for each drive object, folded to the terminal's width.
 
 
 _USUAL = {"accepted", "answered", "sent", "received", "syncs", "cycles", "generation", "no_tick", "after_loss"}

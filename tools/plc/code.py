@@ -1,4 +1,9 @@
-"""The complete file for a PLC, with the blocks that have PLCopen's names."""
+"""The complete file for a PLC, with the blocks that have PLCopen's names.
+
+The complete file for a PLC: types, frames and the blocks of every telegram of a configuration, in one of two languages. Blocks
+with PLCopen's names (Motion Control, part 1) and state diagram, based on the blocks of the telegrams. A block MC_... writes
+its command to the structure of the axis. PDGW_Axis_Tn executes it with the block of its telegram.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +11,16 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.byte_map import FrameMap, frame_maps
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram, telegram
 from pdgw.tools.plc.frame_fields import block, comment, profinet_block, profinet_variables, type_code
 from pdgw.tools.plc.library import axis_block, plain, telegram_block, template
 from pdgw.tools.plc.plcopen import scl
 from pdgw.tools.plc.sockets import Sockets, udp_block
-
-# The complete file for a PLC: types, frames and the blocks of every telegram of a configuration, in one of two languages.
-
 
 _LONGEST = 80
 """Length of a STRING declared without one, on the system with the shortest."""
@@ -96,11 +98,6 @@ def _string(text: str) -> str:
     while len(text) > _LONGEST:
         text = text.rpartition(" ")[0]
     return text.rstrip(",;:").replace("$", "$$").replace("'", "$'")
-
-
-# Blocks with PLCopen's names (Motion Control, part 1) and state diagram, based on the blocks of the telegrams.
-#
-# A block MC_... writes its command to the structure of the axis. PDGW_Axis_Tn executes it with the block of its telegram.
 
 
 STATES = (

@@ -1,4 +1,9 @@
-"""Tokens and declarations of the generated Structured Text."""
+"""Tokens and declarations of the generated Structured Text.
+
+Split Structured Text into tokens. Source: IEC 61131-3 second edition, annex B. Comments are ``(* ... *)``. ``//`` is of the
+third edition and rejected. Read the declarations of the generated Structured Text, for other file formats and for the
+documents. The generated text has one declaration in each line.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +11,7 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from pdgw.gateway.errors import GatewayError
-
-# Split Structured Text into tokens.
-#
-# Source: IEC 61131-3 second edition, annex B. Comments are ``(* ... *)``. ``//`` is of the third edition and rejected.
-
+from pdgw.gateway.base.errors import GatewayError
 
 _PATTERN = re.compile(
     r"""(?P<space>\s+)
@@ -62,11 +62,6 @@ def pieces(text: str) -> Iterator[Token]:
         yield Token(kind, piece, f"line {line}")
         line += piece.count("\n")
         position += len(piece)
-
-
-# Read the declarations of the generated Structured Text, for other file formats and for the documents.
-#
-# The generated text has one declaration in each line.
 
 
 _HEAD = re.compile(r"(TYPE|FUNCTION_BLOCK|FUNCTION|PROGRAM) (\w+)(?: : (\w+))?(?: \(\* (.*) \*\))?$")

@@ -18,8 +18,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.byte_map import plc_type
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram, TelegramHalf

@@ -1,4 +1,8 @@
-"""Structured Text in other formats: SCL, PLCopen XML."""
+"""Structured Text in other formats: SCL, PLCopen XML.
+
+Convert Structured Text to SCL of TIA Portal: same tokens, but marked variables, quoted names and versions. Write the generated
+types and blocks as PLCopen XML (TC6, version 2.01), for CODESYS, Beremiz and others.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,6 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 from pdgw.tools.plc.declarations import Declaration, Declared, Token, declarations, pieces
-
-# Convert Structured Text to SCL of TIA Portal: same tokens, but marked variables, quoted names and versions.
-
 
 _SCL_UNITS = ("TYPE", "FUNCTION_BLOCK", "FUNCTION")
 _VERSION = "\nVERSION : 0.1"
@@ -99,9 +100,6 @@ class _Scl:
             elif declares and ahead and token.kind == "word" and token.key != "CONSTANT":
                 found.add(token.key)
         return found
-
-
-# Write the generated types and blocks as PLCopen XML (TC6, version 2.01), for CODESYS, Beremiz and others.
 
 
 _SPACE, _XHTML = "http://www.plcopen.org/xml/tc6_0201", "http://www.w3.org/1999/xhtml"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.errors import writing
+from pdgw.gateway.base.errors import writing
 
 log = logging.getLogger("gateway")
 

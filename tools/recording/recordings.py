@@ -17,12 +17,12 @@ from itertools import islice, pairwise
 from operator import attrgetter
 from pathlib import Path
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import NODE_IDS
-from pdgw.durations import MS, SECOND
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS, WATCHDOG_FACTOR
 from pdgw.gateway.configuration.file import load_config, parse_config
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame, Parser

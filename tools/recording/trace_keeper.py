@@ -1,4 +1,9 @@
-"""Parts of the ring as files: on request, and around a fault or a stop."""
+"""Parts of the ring as files: on request, and around a fault or a stop.
+
+Parts of a ring as a pcapng file of both buses with the configuration, as `pdgw run --record` writes it. Save the ring around a
+fault or a stop: a process beside the gateway that reads its ring and writes files. It does not delay the exchange, and it
+continues after the end of the gateway.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +17,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
+from pdgw.gateway.base.errors import GatewayError, writing
+from pdgw.gateway.base.reasons import Enable, Reason
+from pdgw.gateway.base.run_directory import PREVIOUS, rings, run_directory
 from pdgw.gateway.configuration.defaults import Trigger
-from pdgw.gateway.errors import GatewayError, writing
-from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.place import PREVIOUS, rings, run_directory
 from pdgw.gateway.trace.reader import Cycle, RingReader, is_alive
 from pdgw.tools.recording.recorder import delete_oldest
-
-# Parts of a ring as a pcapng file of both buses with the configuration, as `pdgw run --record` writes it.
 
 
 def chosen_ring(name: str | None, directory: Path | None = None) -> Path:
@@ -111,11 +114,6 @@ def _part(file: Path, begin_ns: int | None, end_ns: int | None) -> tuple[bytes, 
             return b"", 0
         end, frames = kept[-1].end, kept[-1].frames
     return data[:head] + data[start:end], frames - before
-
-
-# Save the ring around a fault or a stop: a process beside the gateway that reads its ring and writes files.
-#
-# It does not delay the exchange, and it continues after the end of the gateway.
 
 
 log = logging.getLogger("trace")

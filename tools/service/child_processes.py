@@ -10,10 +10,10 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig, TraceConfig
 from pdgw.gateway.configuration.file import config_text
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service import operating_system
 
 _VIRTUAL = "virtual"

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.logging import RichHandler
 
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.errors import writing
+from pdgw.gateway.base.errors import writing
 from pdgw.tools.recording import recorder
 from pdgw.tools.service.log_format import LogFormat, LogLevel, formatter
 

@@ -2,6 +2,8 @@
 
 Answers are JSON with snake_case keys and the unit in the key; readers ignore keys they do not know. Errors are
 ``{"error": text, "field": name}``.
+
+``pdgw web`` as a process: the server, the watch and, if configured, the MQTT publisher, until a signal ends it.
 """
 
 from __future__ import annotations
@@ -24,8 +26,8 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.web.metrics import CONTENT_TYPE, exposition
 from pdgw.tools.web.parameters import states_document, telegram_document
@@ -273,9 +275,6 @@ def made_page(watch: Watch, parameters: Parameters, capture: Capture, token: Tok
     )
     guard = Guard(app, allowed_hosts(web), token, places, time.monotonic, secure=web.tls_cert is not None)
     return made_server(guard, interface.streams, places, web)
-
-
-# ``pdgw web`` as a process: the server, the watch and, if configured, the MQTT publisher, until a signal ends it.
 
 
 def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> None:

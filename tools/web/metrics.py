@@ -14,9 +14,9 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 from prometheus_client.exposition import generate_latest
 from prometheus_client.registry import Collector
 
-from pdgw.durations import MS_PER_SECOND
+from pdgw.base.durations import MS_PER_SECOND
+from pdgw.gateway.base.reasons import AxisState
 from pdgw.gateway.links.new_frames import Verdict
-from pdgw.gateway.reasons import AxisState
 from pdgw.tools.web.status.feed import Document
 from pdgw.tools.web.status.watch import Watch, counter
 

@@ -25,11 +25,11 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from pdgw.files import read_file
+from pdgw.base.files import read_file
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.configuration.web import MqttConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.status.feed import Document
 from pdgw.tools.web.status.watch import Watch, log
 

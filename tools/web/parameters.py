@@ -1,4 +1,8 @@
-"""Declarations and parameters for the page."""
+"""Declarations and parameters for the page.
+
+What the page has to know to show words by name and by bit, taken from the declarations: nothing is said twice. The parameter
+channel as the page of ``pdgw web`` reads it: blocking calls, one connection for each.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +11,15 @@ from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any
 
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import AxisState
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import AxisState
+from pdgw.gateway.client.address import parse_target
+from pdgw.gateway.client.dump import read_all
+from pdgw.gateway.client.session import Element, Session, address_text, meaning
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf, telegram
-from pdgw.tools.client.address import parse_target
-from pdgw.tools.client.dump import read_all
-from pdgw.tools.client.session import Element, Session, address_text, meaning
-from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.web.support import RequestError
-
-# What the page has to know to show words by name and by bit, taken from the declarations: nothing is said twice.
-
 
 SYMBOLS = {
     AxisState.OBEYS: "●",
@@ -65,9 +66,6 @@ def telegram_document(number: int) -> dict[str, Any]:
 def states_document() -> dict[str, dict[str, str]]:
     """Word and symbol of each state, by its name."""
     return {state.name: {"text": state.value, "symbol": symbol} for state, symbol in SYMBOLS.items()}
-
-
-# The parameter channel as the page of ``pdgw web`` reads it: blocking calls, one connection for each.
 
 
 class PageParameters:

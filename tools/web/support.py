@@ -1,4 +1,8 @@
-"""The page's information about the gateway, its support file, and errors of a request."""
+"""The page's information about the gateway, its support file, and errors of a request.
+
+Errors of a request: answered with 400 or 404 and the name of the field. The page's information about the gateway itself, and
+the support file.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from pdgw import __version__
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import public_config
-from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.status.watch import Watch
-
-# Errors of a request: answered with 400 or 404 and the name of the field.
 
 
 class RequestError(GatewayError):
@@ -29,9 +31,6 @@ class RequestError(GatewayError):
         super().__init__(text)
         self.field = field
         self.status = status
-
-
-# The page's information about the gateway itself, and the support file.
 
 
 VENDORED = Path(__file__).parent / "static" / "vendor" / "vendored.json"

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive_type import Quantity
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.settings import quantity_of
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.trace.pcapng import TracedObject
 from pdgw.gateway.trace.reader import Cycle, RingReader
 from pdgw.profidrive.signal_text import Rated, scale

@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 from pdgw.gateway.axis.demand_report import Demand, Flag, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.signals import USER_WORDS, signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 

@@ -1,4 +1,16 @@
-"""Telegrams with positions: 7, 110 and 111, and telegram 9."""
+"""Telegrams with positions: 7, 110 and 111, and telegram 9.
+
+Telegrams 7, 110 and 111: STW1 and the positioner's words, ZSW1 and what a positioner shows.
+
+Source: docs/motion.md, docs/telegrams.md "Sources". Telegram 7 has blocks alone, 110 spreads over SATZANW, POS_STW and
+MDI_MOD what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.14 and .15 (accelerates,
+decelerates): 0.
+
+Telegram 9: positioning with MDI and homing.
+
+Source: docs/telegrams.md, docs/translation.md "Positioning, telegram 9 (MDI)". Left out: traversing blocks (telegram 7) and
+jogging, which the drives do not have; STW2 is not evaluated.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +22,7 @@ from typing import ClassVar
 from pdgw.gateway.axis.adapters.adapter import Adapter, ControlWordAdapter
 from pdgw.gateway.axis.demand_report import MotionDemand, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.motion.requests import (
     FULL,
     Command,
@@ -21,13 +33,6 @@ from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType
 from pdgw.profidrive.signals import POSITIONER_FORMS, float_of, float_pattern, signal
 from pdgw.profidrive.telegrams import Telegram
-
-# Telegrams 7, 110 and 111: STW1 and the positioner's words, ZSW1 and what a positioner shows.
-#
-# Source: docs/motion.md, docs/telegrams.md "Sources". Telegram 7 has blocks alone, 110 spreads over SATZANW, POS_STW and
-# MDI_MOD what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.14 and .15 (accelerates,
-# decelerates): 0.
-
 
 _ZSW1 = signal("ZSW1")
 _OWN = ~(_ZSW1.bit("DEVICE_14").mask | _ZSW1.bit("DEVICE_15").mask)
@@ -232,12 +237,6 @@ class BasicPositionerAdapter(PositionerAdapter):
             actuals[place], actuals[place + 1] = first, second
         if self._speed >= 0:
             actuals[self._speed] = report.speed
-
-
-# Telegram 9: positioning with MDI and homing.
-#
-# Source: docs/telegrams.md, docs/translation.md "Positioning, telegram 9 (MDI)". Left out: traversing blocks (telegram 7) and
-# jogging, which the drives do not have; STW2 is not evaluated.
 
 
 class PositioningAdapter(PositionerAdapter):

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
-from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.demand_report import Flag, Report, SpeedDemand, SpeedWish
 from pdgw.gateway.axis.executors.executor import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.executors.message_words import TOLERANCE_PERCENT, reduced_torque
 from pdgw.gateway.axis.power_states import Action
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
 from pdgw.gateway.motion.dsc_setpoint import Dsc, DscChoices, DscForm, DscSettings, wrapped
 from pdgw.gateway.motion.units import round_half_away
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.datatypes import DataType, n4
 from pdgw.profidrive.normalisation import Normalisation
 

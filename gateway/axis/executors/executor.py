@@ -16,8 +16,8 @@ from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Inputs, Outputs, ProbeAnswer
+from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
 from pdgw.gateway.motion.travel import LIMIT_LEFT_NS, LIMIT_STANDING_NS
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.normalisation import Normalisation
 
 AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)

@@ -13,7 +13,7 @@ from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
 from pdgw.gateway.axis.demand_report import RawDemand, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords, Executor
 from pdgw.gateway.axis.power_states import Action
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 
 _PASS, _RAMP = Action.PASS, Action.RAMP
 _BYTE = 0xFF

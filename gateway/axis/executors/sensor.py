@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import POSITIONS
 from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.demand_report import Demand
 from pdgw.gateway.axis.values import EncoderInput, Inputs, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType

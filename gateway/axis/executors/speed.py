@@ -10,12 +10,12 @@ from typing import Final
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import Flag, Report, SpeedDemand, SpeedWish
 from pdgw.gateway.axis.executors.executor import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.executors.message_words import TOLERANCE_PERCENT
 from pdgw.gateway.axis.power_states import Action
-from pdgw.gateway.axis.values import Answer
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
 

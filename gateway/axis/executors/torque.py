@@ -1,4 +1,7 @@
-"""Speed with a torque reduction (telegrams 102 and 103), and the words of a telegram that show the drive."""
+"""Speed with a torque reduction (telegrams 102 and 103), and the words of a telegram that show the drive.
+
+MELDW, source: docs/motion.md "MELDW and MOMRED".
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ from pdgw.gateway.axis.executors.executor import AxisRecords
 from pdgw.gateway.axis.executors.message_words import MessageWord, namur_word, reduced_torque
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.values import Inputs, Outputs
+from pdgw.gateway.base.reasons import first_warning
 from pdgw.gateway.motion.units import round_half_away
-from pdgw.gateway.reasons import first_warning
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
 
 _RATED = 1000
@@ -22,9 +25,6 @@ def _n2(value: int, full: int) -> int:
     if not full:
         return 0
     return max(_LOWEST, min(round_half_away(value * N2_100_PERCENT, full), _HIGHEST))
-
-
-# MELDW, source: docs/motion.md "MELDW and MOMRED".
 
 
 _ENABLED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)

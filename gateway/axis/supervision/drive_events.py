@@ -10,15 +10,15 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, Generic, TypeVar
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.emcy import GENERIC_ERROR, emcy_text
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import CANOPEN_ERRORS, FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
-from pdgw.gateway.reasons import EMCY_WARNING, INTERNAL_FAULT, FaultNumber
+from pdgw.gateway.base.reasons import EMCY_WARNING, INTERNAL_FAULT, FaultNumber
 
 K = TypeVar("K")
 SAME_EVENT_NS: Final = SECOND

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.profidrive.frame import HIGHEST, SignOfLife
+from pdgw.profidrive.sign_of_life import HIGHEST, SignOfLife
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import enum
 from typing import Final
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive_type import POSITIONS
 from pdgw.dsp402.states import State
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.power_states import COLUMNS, Leave, Limit, Line
 from pdgw.gateway.axis.supervision.velocity_check import shortest
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from statistics import median
 from typing import Final
 
+from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.dsp402.drive_type import POSITIONS, Quantity, Scaling
-from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
 
 SAMPLE_NS: Final = 100 * MS
 """Positions are compared over steps of at least this time."""

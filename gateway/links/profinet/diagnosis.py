@@ -9,8 +9,8 @@ from types import MappingProxyType
 from typing import Final, Protocol
 
 from pdgw.ds301.node.node import NodeStatus
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber
 from pdgw.gateway.objects.fault_buffer import FaultLog
-from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber
 from pdgw.profinet.blocks.alarm import MessageClass
 
 MESSAGE_CLASSES: Final = MappingProxyType(

@@ -1,4 +1,12 @@
-"""The Ethernet edge of the PROFINET device, with the state of its interface."""
+"""The Ethernet edge of the PROFINET device, with the state of its interface.
+
+Speed, duplex mode and autonegotiation of a network interface, as its driver says (Linux, ETHTOOL). Source: linux/ethtool.h
+(struct ethtool_cmd), RFC 4836 (dot3MauType, ifMauAutoNegCapAdvertisedBits). The Ethernet edge of the PROFINET device: raw
+sockets with filters in the kernel, the RPC port, link state, IP address.
+
+Linux (AF_PACKET). Real-time frames and DCP have a socket each, so that a flood of DCP cannot push a controller's frame out
+of the buffer. Needs CAP_NET_RAW; CAP_NET_ADMIN to set the address that DCP gives.
+"""
 
 from __future__ import annotations
 
@@ -11,28 +19,23 @@ from pathlib import Path
 from typing import Final, Protocol, TypeVar
 
 from pdgw.ds301.loop.loop import Loop
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import (
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.packet_filter import (
     JUMP_EQUAL,
     JUMP_GREATER,
     JUMP_GREATER_EQUAL,
     LOAD_HALF,
     LOAD_WORD,
     RETURN,
-    Address,
     Instruction,
     attach,
 )
-from pdgw.gateway.ports import refusal
+from pdgw.gateway.base.ports import refusal
+from pdgw.gateway.base.udp import Address
 from pdgw.profinet import ethernet
 from pdgw.profinet.discovery import dcp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import MAU_100BASE_TX_FULL, MAU_1000BASE_T_FULL, IpSuite, Medium
-
-# Speed, duplex mode and autonegotiation of a network interface, as its driver says (Linux, ETHTOOL).
-#
-# Source: linux/ethtool.h (struct ethtool_cmd), RFC 4836 (dot3MauType, ifMauAutoNegCapAdvertisedBits).
-
 
 _SIOCETHTOOL, _ETHTOOL_GSET = 0x8946, 1
 _COMMAND: Final = struct.Struct("=IIIHBBBBBBIIHBBIII")
@@ -73,12 +76,6 @@ def read_medium(sock: socket.socket, interface: str) -> Medium:
     except OSError:
         return _UNKNOWN
     return medium_of(command.raw)
-
-
-# The Ethernet edge of the PROFINET device: raw sockets with filters in the kernel, the RPC port, link state, IP address.
-#
-# Linux (AF_PACKET). Real-time frames and DCP have a socket each, so that a flood of DCP cannot push a controller's frame out
-# of the buffer. Needs CAP_NET_RAW; CAP_NET_ADMIN to set the address that DCP gives.
 
 
 log = logging.getLogger("gateway")

@@ -14,11 +14,14 @@ from functools import partial
 from typing import Final, Protocol
 from uuid import UUID
 
+from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
 from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
-from pdgw.durations import MS
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import Finding, Reason
+from pdgw.gateway.base.store import ParameterStore
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
 from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, discard_waiting, is_punctual, silence
@@ -26,9 +29,6 @@ from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper, profinet_model
-from pdgw.gateway.links.udp import Address
-from pdgw.gateway.reasons import Finding, Reason
-from pdgw.gateway.store import ParameterStore
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass

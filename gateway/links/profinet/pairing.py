@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.profinet.connection.ppm import Provider
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import logging
 import socket
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, Protocol
 
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.ds301.loop.loop import Loop
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.ports import refusal
+from pdgw.gateway.base.store import ParameterStore
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.links.link import Link
 from pdgw.gateway.links.profinet.io_device import ProfinetLink
-from pdgw.gateway.ports import refusal
 from pdgw.profinet.discovery import mib
 from pdgw.profinet.discovery.snmp import REQUEST_MAX, Agent, Oid, Variable, Writing
 
@@ -43,10 +46,19 @@ _FIELDS: Final = {mib.SYS_CONTACT: "sys_contact", mib.SYS_NAME: "sys_name", mib.
 _TEXT_MAX: Final = 255
 
 
+class Station(Protocol):
+    """The gateway, as the agent shows it."""
+
+    config: GatewayConfig
+    link: Link
+    loop: Loop
+    store: ParameterStore
+
+
 class SnmpService:
     """Answer requests with a configured community; the write community changes three texts. ``sock``: from ``open_port``."""
 
-    def __init__(self, daemon: Daemon, sock: socket.socket) -> None:
+    def __init__(self, daemon: Station, sock: socket.socket) -> None:
         assert isinstance(daemon.link, ProfinetLink)
         self._daemon = daemon
         self._device = daemon.link.device

@@ -1,4 +1,8 @@
-"""The gateway as a PROFINET device: its identity, its name and address."""
+"""The gateway as a PROFINET device: its identity, its name and address.
+
+The gateway as a PROFINET device: identity and model from the configuration. Name and address of the PROFINET station: from
+DCP, of the interface, in the store, and in the log.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +10,21 @@ import logging
 from collections.abc import Sequence
 from datetime import date
 
+from pdgw.base.durations import MS
 from pdgw.ds301.loop.loop import Loop
-from pdgw.durations import MS
-from pdgw.gateway import identity
-from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.base import identity
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.store import DeviceParameters, ParameterStore
+from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.environment import TransportConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
-from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.device import Refused
 from pdgw.profinet.discovery.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.model import SEND_CLOCKS, DeviceModel, ObjectKind, drive_model
 from pdgw.profinet.station import Identity, IpSuite
-
-# The gateway as a PROFINET device: identity and model from the configuration.
-
 
 PRODUCT = "profidrive-gateway"
 """Also the name that engineering tools propose for the station."""
@@ -60,9 +61,6 @@ def profinet_model(
     identified = list(zip(kinds, telegrams, strict=True))
     device = profinet_identity(transport, mac)
     return drive_model(device, identified, min_device_interval(transport))
-
-
-# Name and address of the PROFINET station: from DCP, of the interface, in the store, and in the log.
 
 
 log = logging.getLogger("gateway")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from pdgw.base.durations import MS, US
 from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.dsp402.objects import (
     HOME_OFFSET,
@@ -16,7 +17,6 @@ from pdgw.dsp402.objects import (
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import ControlBit, State
-from pdgw.durations import MS, US
 from pdgw.peers.drive.model.ramps import TICK, Ramp
 from pdgw.peers.drive.model.shapes import Machine, Shape
 

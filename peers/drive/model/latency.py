@@ -10,7 +10,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 
 LATENCY_MAX_MS: Final = 100
 

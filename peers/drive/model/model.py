@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp402.modes import Mode
@@ -25,7 +26,6 @@ from pdgw.dsp402.objects import (
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
-from pdgw.durations import MS, SECOND
 from pdgw.peers.drive.model.image import DriveImage, ObjectReader
 from pdgw.peers.drive.model.latency import DelayLine, Latency
 from pdgw.peers.drive.model.modes import MODES

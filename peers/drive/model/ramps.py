@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from pdgw.durations import SECONDS_PER_MINUTE
+from pdgw.base.durations import SECONDS_PER_MINUTE
 
 if TYPE_CHECKING:
     pass

@@ -2,6 +2,8 @@
 
 ``shapes.toml`` declares the variants: the ENGEL-like drive with other objects, units, modes, PDOs and behaviour. The motor is
 always the same, with 4096 increments a revolution. The meaning of a value depends on the variant.
+
+The machine of a simulated drive, with the limits of its travel.
 """
 
 from __future__ import annotations
@@ -214,9 +216,6 @@ def shape(name: str) -> Shape:
         return SHAPES[name]
     except KeyError:
         raise CanopenError("shape of drive", name, ", ".join(SHAPES)) from None
-
-
-# The machine of a simulated drive, with the limits of its travel.
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     COUNTER_UNIT_NS,

@@ -1,4 +1,12 @@
-"""The PLC's view of its values, and its position loop."""
+"""The PLC's view of its values, and its position loop.
+
+The PLC's view as plain data and as tables for a terminal: words by bit, values, and why values are missing. ``follow``: the
+PLC closes the position loop and the axis follows a sine until the following error is small enough.
+
+The controller is ``PositionLoop``. The target oscillates between the start position and one ahead of it. It starts and ends
+each period at rest, and pauses while the PLC itself is delayed. If the axis is stopped and stays far from the target, the
+next period starts at its position. The axis has no load.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +21,13 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.motion.dsc_setpoint import KPC_PER_UNIT
-from pdgw.gateway.motion.units import difference
+from pdgw.gateway.motion.modulo import difference
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 from pdgw.profidrive.signal_text import texts
 from pdgw.profidrive.telegrams import Telegram, telegram
-
-# The PLC's view as plain data and as tables for a terminal: words by bit, values, and why values are missing.
 
 
 def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:
@@ -67,13 +73,6 @@ def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType
             grid.add_row(*left, *right)
         parts.append(grid)
     return Group(*parts)
-
-
-# ``follow``: the PLC closes the position loop and the axis follows a sine until the following error is small enough.
-#
-# The controller is ``PositionLoop``. The target oscillates between the start position and one ahead of it. It starts and ends
-# each period at rest, and pauses while the PLC itself is delayed. If the axis is stopped and stays far from the target, the
-# next period starts at its position. The axis has no load.
 
 
 POSITION: Final = "G1_XIST1"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import Loop, Timer
-from pdgw.durations import SECOND
-from pdgw.gateway.links.udp import Address
-from pdgw.gateway.platform import DatagramPort
+from pdgw.gateway.base.platform import DatagramPort
+from pdgw.gateway.base.udp import Address
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import Telegram
 

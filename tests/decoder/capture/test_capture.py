@@ -19,8 +19,8 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Dot1Q, Ether
 from scapy.utils import PcapNgWriter, wrpcap
 
+from pdgw.base.durations import MS
 from pdgw.ds301.bus.interfaces import open_bus
-from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.capture import live

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.decoder.export.trace_page import TracePage
 from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind
 from pdgw.tools.recording.recordings import Part, write_page

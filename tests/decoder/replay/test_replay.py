@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.gateway.axis.executors import speed as speed_executor
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.file import simulated
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.peers.drive import shape

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.gateway.links.cyclic import CyclicEndpoint
-from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.tools.decoder.timeline.builder import HOLD_NS, TimelineBuilder
 from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind, Event, ReasonChange, WordKind

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.profidrive.frame import TICK, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.decoder.frames.fields import half_fields

@@ -13,9 +13,9 @@ from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.peers.drive import DriveModel
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, described, engel

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS
 from pdgw.dsp406.images import EncoderParameters
-from pdgw.durations import MS
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SpeedFromPosition
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, Reason
 from pdgw.profidrive.encoder import PARKED_NS, SensorError
 from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.stepper import EncoderStepper

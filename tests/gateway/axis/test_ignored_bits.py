@@ -10,7 +10,7 @@ from random import Random
 import pytest
 
 from pdgw.dsp402.states import State
-from pdgw.gateway.reasons import Enable
+from pdgw.gateway.base.reasons import Enable
 from pdgw.profidrive.signals import float_pattern, signal
 from tests.gateway.axis.test_positioner import REFERENCES
 from tests.support.axis.hand import OFF, ON

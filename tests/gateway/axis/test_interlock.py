@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
-from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.stepper import Stepper, step_interlock
 from tests.support.drives.drive_types import References

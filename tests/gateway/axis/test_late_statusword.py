@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
-from pdgw.durations import MS
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from tests.support.axis.rig import Rig
 from tests.support.axis.stepper import Stepper, step_interlock
 from tests.support.drives.drive_types import References

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.gateway.motion.requests import PositionerChoices
-from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import ENGEL, ROTARY_AXIS
 from pdgw.profidrive.signals import signal
 from tests.support.axis.hand import Hand

@@ -15,10 +15,10 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.gateway.motion.blocks import Block, BlockNext, BlockTask
 from pdgw.gateway.motion.requests import PositionerChoices
-from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import Machine
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig

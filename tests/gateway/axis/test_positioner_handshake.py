@@ -9,9 +9,9 @@ import pytest
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from pdgw.gateway.motion.requests import PositionerChoices
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 from tests.gateway.axis.test_modulo import TABLE, drive_type
 from tests.gateway.axis.test_tasks import edges, unanswered

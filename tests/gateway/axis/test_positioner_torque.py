@@ -8,10 +8,10 @@ import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockTask
-from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.signals import float_of, float_pattern, signal
 from pdgw.profidrive.telegrams import telegram
 from tests.gateway.axis.test_positioner_handshake import shows

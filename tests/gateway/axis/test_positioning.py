@@ -12,7 +12,7 @@ from pdgw.dsp402.drive_type import Quantity, Reference
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.executors.positions.limits import TaskScaling
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from pdgw.peers.drive import Machine
 from pdgw.peers.drive.objects import HOMING_METHODS, TURNTABLE
 from pdgw.profidrive.datatypes import N4_100_PERCENT

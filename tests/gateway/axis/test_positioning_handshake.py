@@ -8,7 +8,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from pdgw.peers.drive.objects import TURNTABLE
 from tests.gateway.axis.test_positioning import SMALL, axis, home, position, task
 from tests.support.axis.hand import OFF, ON, OPERATING

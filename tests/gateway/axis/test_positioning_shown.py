@@ -10,7 +10,7 @@ from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from tests.gateway.axis.test_positioning import MDI_ACTIVE, STOPPED, axis, home, position, task
 from tests.support.axis.hand import OFF, ON, OPERATING
 from tests.support.axis.tasks import (

@@ -6,11 +6,11 @@ from random import Random
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.dsp402.states import State, StatusBit
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_halt_continues import Continuing
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
 from tests.support.axis.tasks import (

@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.states import STATUS_OF, State
-from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import OFFS, Flag, PowerWish
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_states import COLUMNS, DRIVE_OF_STATE, Action, Drive, Leave, Line, Phase
@@ -27,7 +27,7 @@ from pdgw.gateway.axis.power_table import (
     cell,
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.reasons import GATEWAY_FAULTS, INTERNAL_FAULT, Reason
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, INTERNAL_FAULT, Reason
 
 FOLLOWS = {Phase.FOLLOW, Phase.PASS}
 POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice
-from pdgw.durations import MS
 from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor, SensorSettings
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.peers.drive.model.ramps import SECOND_ENCODER_STEPS
 from pdgw.peers.encoder.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, constant_speed

@@ -7,12 +7,12 @@ from fractions import Fraction
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
-from pdgw.durations import MS
 from pdgw.gateway.axis.settings import SetpointEnable
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
-from pdgw.gateway.reasons import Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, described

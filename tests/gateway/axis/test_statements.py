@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from pdgw.dsp402.states import State
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer

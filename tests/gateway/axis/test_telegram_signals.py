@@ -17,12 +17,12 @@ from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
 from pdgw.gateway.axis.adapters.speed_words import SpeedAdapter
 from pdgw.gateway.axis.settings import AxisSettings, needed_quantities
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS, add_telegram, make_adapter
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.commissioning.telegram_check import lacks, not_available
 from pdgw.gateway.configuration.byte_map import frame_maps
 from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
-from pdgw.gateway.configuration.devices import PositionerConfig
 from pdgw.gateway.configuration.file import config_text, parse_config
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.configuration.positioner_config import PositionerConfig
 from pdgw.peers.world import Plc
 from pdgw.profidrive import telegrams as catalogue
 from pdgw.profidrive.errors import ProfidriveError

@@ -12,7 +12,7 @@ from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.pdo.planner import plan_pdos
 from pdgw.gateway.axis.executors.message_words import namur_word
 from pdgw.gateway.axis.values import NodeNotice, Notice
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.profidrive.signals import signal
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, engel

@@ -10,7 +10,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, state_of
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from pdgw.peers.drive.objects import OBJECTS, TURNTABLE
 from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.rig import Rig

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
-from pdgw.durations import MS
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
 from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References, described
 from tests.support.drives.plain_drive import PlainDrive

@@ -8,6 +8,7 @@ from pathlib import Path
 import can
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
@@ -22,14 +23,14 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.units.scaling import find_scaling
 from pdgw.dsp406.kinds import LINEAR
-from pdgw.durations import MS
-from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, Sheet, draft, expected_on, load_sheets
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.commissioning.draft import draft
+from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, Sheet, expected_on, load_sheets
 from pdgw.gateway.commissioning.telegram_check import lacks, lacks_by_telegram
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderModel
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.drive.objects import EDS_PATH

@@ -9,8 +9,8 @@ from math import ceil
 
 import pytest
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.errors import GatewayError
 
 GOOD = """\
 name = "press 3"

@@ -12,10 +12,10 @@ import pytest
 
 from pdgw.dsp402.units.mechanics import KEY_LINES, UnitKeys
 from pdgw.dsp402.units.scaling import find_scaling
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines
 from pdgw.gateway.configuration.file import load_config, parse_config
 from pdgw.gateway.configuration.toml_file import DEPTH_MAX, FILE_MAX
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profinet.station import IpSuite

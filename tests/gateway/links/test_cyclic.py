@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.arrivals import arrival
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.durations import MS, SECOND
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.base.udp import UdpSocket
 from pdgw.gateway.links.cyclic import CyclicEndpoint, RepeatedLosses
 from pdgw.gateway.links.new_frames import Verdict
-from pdgw.gateway.links.udp import UdpSocket
-from pdgw.gateway.reasons import Reason
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive import frame as rt
 from pdgw.profidrive.telegrams import Direction, telegram

@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.counters import Counters
-from pdgw.durations import MS, SECOND
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.link import UdpLink
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
-from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.profidrive.telegrams import telegram

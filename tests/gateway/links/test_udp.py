@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.durations import MS
+from pdgw.gateway.base.udp import Address, UdpSocket
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.link import UdpLink
-from pdgw.gateway.links.udp import Address, UdpSocket
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.durations import MS
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import MS
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.dsc_setpoint import (
     Dsc,
     DscChoices,
@@ -21,8 +22,7 @@ from pdgw.gateway.motion.dsc_setpoint import (
     highest_gain,
     longest_hold_ns,
 )
-from pdgw.gateway.motion.units import difference
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.motion.modulo import difference
 
 BY_SPEED = DscChoices(DscForm.SPEED, following_window=4096, delay_cycles=0)
 SPEED = DscSettings(BY_SPEED, 4096, Fraction(3000), Fraction(2), 2 * MS)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
 from pdgw.gateway.motion.requests import FULL, Command, Seen
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
-from pdgw.gateway.reasons import Reason
 from tests.support.axis.positioner import ABSOLUTE, CYCLE, RELATIVE, SETTINGS, PositionerRig, move
 
 # -- the table ----------------------------------------------------------------------------------------------------------

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
 from pdgw.gateway.motion.requests import MotionKind
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.reasons import Reason
 from tests.support.axis.positioner import ABSOLUTE, CYCLE, SETTINGS, PositionerRig, move
 
 # -- tables -------------------------------------------------------------------------------------------------------

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.gateway.axis.executors.message_words import MessageWord, reduced_torque
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.motion.modulo import Direction, Ring, way
 from pdgw.gateway.motion.requests import Seen
-from pdgw.gateway.motion.units import Direction, DriveUnits, LengthUnits, Ring, way
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.motion.units import DriveUnits, LengthUnits
 from pdgw.profidrive.datatypes import N2_100_PERCENT
 from pdgw.profidrive.signals import signal
 from tests.support.axis.positioner import SETTINGS, PositionerRig

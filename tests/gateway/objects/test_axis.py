@@ -12,10 +12,10 @@ from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
-from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.reasons import FaultNumber
 from tests.support import buses
 from tests.support.drives.drive_types import engel
 

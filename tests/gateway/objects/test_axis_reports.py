@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
-from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.base.reasons import EMCY_WARNING, FIRST_WARNING, FaultNumber, Reason, warning_bits
+from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.reasons import EMCY_WARNING, FIRST_WARNING, FaultNumber, Reason, warning_bits
+from pdgw.gateway.objects.enable_chain import axis_enable_status
 from pdgw.gateway.service.status import axis_status
 from tests.support import buses
 from tests.support.drives.drive_types import engel
@@ -26,6 +28,7 @@ def axis(monkeypatch: pytest.MonkeyPatch) -> Iterator[Axis]:
     """An axis whose drive is online; the test writes its feedback."""
     network = buses.network(VirtualLoop(), buses.bus(buses.channel()))
     axis = Axis(AxisConfig(do_id=7, node_id=3, telegram=1), network, 4)
+    axis.check_chain = partial(axis_enable_status, axis)
     monkeypatch.setattr(axis.drive, "refresh", lambda now: axis.drive.status is DriveStatus.ONLINE)
     axis.drive.status = DriveStatus.ONLINE
     axis.drive.drive_type = engel()

@@ -9,9 +9,9 @@ import pytest
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
-from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import signal

@@ -9,8 +9,8 @@ import pytest
 
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.base.reasons import AxisState, Reason
 from pdgw.gateway.objects.bit_effects import BIT_EFFECTS, BitEffect, bit_texts
-from pdgw.gateway.reasons import AxisState, Reason
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.profidrive.signals import signal
 from tests.support.documents.device_situations import MDI, POSITIONER

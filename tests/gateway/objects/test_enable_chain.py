@@ -9,9 +9,10 @@ import pytest
 
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import State
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN, ChainLink
-from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.base.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN
+from pdgw.gateway.objects.enable_status import ChainLink
 from pdgw.gateway.service.status import explanation, snapshot
 from pdgw.tools.output.status_text import Health, check_line
 from tests.support.documents.situations import (

@@ -9,15 +9,15 @@ import pytest
 from pdgw.ds301.loop.loop import Event
 from pdgw.gateway.axis.settings import SecondSensor
 from pdgw.gateway.axis.telegrams import drive_layout
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import encoder_status, snapshot
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
-from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.output.status_text import status_lines
 from tests.support.documents.profile_numbers import decode_sensor_format
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, running, serving, until

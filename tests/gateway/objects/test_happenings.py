@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.daemon import Daemon
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.reasons import AxisState, Enable, Reason
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.happenings import LINES, Happening, around_the_last_stop
-from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.service import status_client
 from pdgw.gateway.service.status import answered, explanation, snapshot
 from pdgw.profidrive.words import unswapped

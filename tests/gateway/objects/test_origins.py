@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import NmtCommand
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.durations import MS
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.last_words import LastWords, kept_last_words
-from pdgw.gateway.objects.enable_chain import EnableStatus
-from pdgw.gateway.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber
+from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.objects.enable_status import EnableStatus
+from pdgw.gateway.service.last_words import LastWords, kept_last_words
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.tools.output.status_text import status_lines

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pdgw.dsp402.drive.client import DriveStatus
-from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.model.modes import ProfilePosition
 from pdgw.profidrive.encoder import SensorError

@@ -9,21 +9,21 @@ from typing import Any
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import Event
-from pdgw.durations import SECOND
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.store import DeviceParameters, ParameterStore, stored_parameters
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.parameters import manager
 from pdgw.gateway.parameters.records import Records
 from pdgw.gateway.service.status import snapshot
-from pdgw.gateway.store import DeviceParameters, ParameterStore, stored_parameters
 from pdgw.peers.drive.objects import DRIVE_FAULTS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import dcerpc
-from pdgw.tools.client.udp import ParameterClient
 from pdgw.tools.commands.commissioning.config import check
 from pdgw.tools.commands.commissioning.map import map_
 from pdgw.tools.output.status_text import status_lines

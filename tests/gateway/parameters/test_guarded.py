@@ -9,19 +9,20 @@ from typing import Any
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.units.mechanics import UNIT_OBJECTS
 from pdgw.dsp402.units.velocity import VL_FACTORS
-from pdgw.durations import MS
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess, RequestContext
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import ParameterAddress, ParameterRefused, Values
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.error_numbers import ParameterRefused
 from pdgw.profidrive.signals import signal
-from pdgw.tools.client.udp import ParameterClient
 from tests.support.gateways.daemon import (
     OFF,
     SIMULATED_POSITIONER,

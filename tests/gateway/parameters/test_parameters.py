@@ -9,21 +9,21 @@ import pytest
 from pdgw.ds301.aborts import ABORT_TEXTS, SdoAbortedError
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import drive_layout
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.store import DeviceParameters, ParameterStore
+from pdgw.gateway.client.udp import ParameterClient
+from pdgw.gateway.daemon.assembly import build_gateway
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.parameters.objects import error_of_abort
-from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.status import snapshot
-from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.peers.world import World
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.description import Description
-from pdgw.tools.client.udp import ParameterClient
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
 from pdgw.tools.output.status_text import status_lines
 from tests.support.gateways.daemon import (
     OFF,

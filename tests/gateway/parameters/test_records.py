@@ -15,23 +15,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import ABORT_TEXTS, Abort
-from pdgw.durations import MS
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.store import ParameterStore
+from pdgw.gateway.base.udp import Address
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.configuration.environment import ParametersConfig, TransportConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import Address
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.records import CallerRecords, Records
-from pdgw.gateway.store import ParameterStore
 from pdgw.profidrive.parameters.codec import ParameterAddress, decode_response
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import dcerpc, identification
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, AccessError, BlockType, RecordBlock, RecordRefused
-from pdgw.tools.client.udp import ParameterClient
 from tests.support.gateways.daemon import axis, configuration, drive_of, record_server, running, serving, world_of
 from tests.support.gateways.daemon import client as client_of
 from tests.support.gateways.parameters import error, gateway, value

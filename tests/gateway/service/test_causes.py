@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import AxisState, Reason
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import AxisState, Reason
 from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_text import check_line, object_lines, status_lines

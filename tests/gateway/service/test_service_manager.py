@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.identity import COMPILED, PURE, beyond_measured
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.identity import COMPILED, PURE, beyond_measured
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service import operating_system
 from pdgw.gateway.service.operating_system import DEFAULT_PRIORITY, ServiceManager
 from tests.support.buses import PATIENCE_S

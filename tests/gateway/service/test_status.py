@@ -12,18 +12,18 @@ from typing import Any
 import pytest
 
 import pdgw
+from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
-from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.values import FaultRecord, gateway_fault
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.identity import build_text
-from pdgw.gateway.log_budget import LogBudget
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.identity import build_text
+from pdgw.gateway.base.log_budget import LogBudget
+from pdgw.gateway.base.reasons import AxisState, FaultNumber, Reason, warning_bits
+from pdgw.gateway.daemon.assembly import build_gateway
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.parameters.acyclic import AcyclicServer
-from pdgw.gateway.reasons import AxisState, FaultNumber, Reason, warning_bits
 from pdgw.gateway.service.cycle_times import Histogram
 from pdgw.gateway.service.operating_system import ServiceManager
 from pdgw.gateway.service.status import StatusServer, answered, axis_status, encoder_status, snapshot
@@ -242,7 +242,13 @@ def test_the_status_has_the_age_of_the_plcs_last_frame() -> None:
 
 
 _ROOT = Path(__file__).parents[3]
-_EDGE = ("ds301/bus/network.py", "ds301/loop/loop.py", "gateway/daemon.py", "gateway/links", "gateway/links/profinet")
+_EDGE = (
+    "ds301/bus/network.py",
+    "ds301/loop/loop.py",
+    "gateway/daemon/daemon.py",
+    "gateway/links",
+    "gateway/links/profinet",
+)
 
 
 def test_a_counter_reads_what_its_part_counts_now() -> None:

@@ -12,12 +12,12 @@ from typing import Any, cast
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.durations import SECOND
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.last_words import kept_last_words, last_words
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service import status as status_module
+from pdgw.gateway.service.last_words import kept_last_words, last_words
 from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.service.status_client import fetch
 from pdgw.tools.output.status_text import Health

@@ -21,10 +21,10 @@ import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.base.run_directory import prepared, rings, run_directory
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.place import prepared, rings, run_directory
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.trace.steps import HOMES, from_json, recorded_class, to_json

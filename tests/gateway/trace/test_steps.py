@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Inputs, Outputs
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.steps import step_record
 from pdgw.peers.drive import shape

@@ -18,7 +18,7 @@ from importlib.metadata import version
 from rich.console import Console
 from rich.table import Table
 
-from pdgw.gateway.identity import interpreter, kind
+from pdgw.gateway.base.identity import interpreter, kind
 from pdgw.tools.demo import namespaces
 from tests.long.bench import counting, decoding, exchange, profinet, stops
 

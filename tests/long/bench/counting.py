@@ -24,16 +24,15 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final, NamedTuple, Protocol
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.port import SocketPort
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.ds301.loop.readiness import READABLE, best_readiness
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.base.identity import COMPILED, kind
+from pdgw.gateway.base.platform import CanInterface, SystemPlatform
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.identity import COMPILED, kind
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.links.profinet.io_device import ProfinetLink
-from pdgw.gateway.platform import SystemPlatform
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.controller.controller import IoController
 from pdgw.peers.controller.exchange import ControllerExchange
@@ -294,7 +293,7 @@ class Machine(SystemPlatform):
         self.wakes = 0
         """Of the loop, during the count."""
 
-    def open_can(self, config: CanConfig) -> SocketPort:
+    def open_can(self, config: CanInterface) -> SocketPort:
         return SocketPort(self.loop, self._buses[int(str(config.channel))])  # type: ignore[arg-type]
 
     def run(self, daemon: Daemon) -> None:

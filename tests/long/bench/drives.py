@@ -13,11 +13,11 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.communication import NMT, SDO_REQUEST
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
-from pdgw.durations import MS, SECOND
 from pdgw.peers.bus import Hub
 from pdgw.peers.drive import SimulatedDriveNode
 

@@ -22,8 +22,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from pdgw.durations import MS, SECOND, US
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import MS, SECOND, US
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from pdgw.peers.bus import INTERFACE
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint

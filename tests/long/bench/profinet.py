@@ -19,8 +19,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from pdgw.durations import MS
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import MS
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.plc import RunningController, project_of
 from pdgw.profidrive.telegrams import Direction, telegram

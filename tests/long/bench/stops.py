@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import NMT, NmtCommand
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram

@@ -9,9 +9,9 @@ from typing import Any
 
 import yaml
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS
-from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import ACTIONS, Step, examples

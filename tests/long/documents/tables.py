@@ -29,19 +29,19 @@ from pdgw.gateway.axis.power_states import (
     Phase,
 )
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, LIMITS, ROWS
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, GatewayFault, Reason
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.requests import Command
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
 from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
 from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
-from pdgw.gateway.reasons import GATEWAY_FAULTS, GatewayFault, Reason
 from pdgw.peers.drive.model.shapes import SHAPES
 from pdgw.peers.drive.objects import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS, OBJECTS
 from pdgw.profidrive.datatypes import UNVERIFIED, DataType
 from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SENSOR_STATUS, TRANSITIONS
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
-from pdgw.profidrive.parameters.codec import ERROR_TEXTS
+from pdgw.profidrive.parameters.error_numbers import ERROR_TEXTS
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf
 from pdgw.profidrive.words import Bit, Confidence

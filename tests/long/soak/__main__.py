@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from tests.long.soak.calm import CALM_TELEGRAMS, CalmRun, draw_calm
 from tests.long.soak.plan import draw_plan, parts

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from random import Random
 from typing import Final
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import ROTARY_AXIS
 from pdgw.peers.drive.model.latency import NO_LATENCY
 from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION

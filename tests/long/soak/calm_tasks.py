@@ -7,9 +7,9 @@ import uuid
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp406.objects import UNITS_PER_REVOLUTION
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
@@ -17,6 +17,7 @@ from pdgw.gateway.axis.telegrams import (
     POSITIONER_TELEGRAM_NUMBERS,
     TASK_TELEGRAM_NUMBERS,
 )
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.encoder.motion import constant_speed, sine, still
 from pdgw.peers.plc.exchange.following import PositionLoop
@@ -26,7 +27,6 @@ from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import float_of, float_pattern
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
-from pdgw.tools.client.udp import ParameterClient
 from tests.long.soak.plan import TRANSPARENT, habits_ms
 from tests.long.soak.watch import RATED_RPM, ViolationError
 

@@ -8,9 +8,9 @@ from functools import partial
 from random import Random
 from typing import TYPE_CHECKING
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, NmtCommand, NmtState
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
-from pdgw.durations import MS
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import Conditions
 from tests.conformance.fault_cases import DRIVE_CASES

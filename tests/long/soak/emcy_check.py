@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.gateway.axis.values import FaultRecord
 from tests.long.rules import Seen
 from tests.long.soak.watch import require

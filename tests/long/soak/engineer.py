@@ -9,8 +9,9 @@ from typing import Final
 
 from pdgw.dsp402.objects import PROFILE_ACCELERATION, PROFILE_DECELERATION, QUICK_STOP_DECELERATION
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import Address
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.udp import Address
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.peers.world import World, WorldChannel
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
@@ -18,7 +19,6 @@ from pdgw.profidrive.parameters.description import Pnu
 from pdgw.profidrive.parameters.faults import SIZE
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
-from pdgw.tools.client.udp import ParameterClient
 from tests.long.soak.emcy_check import PendingEmcys
 
 HOST: Final = "192.168.0.20"

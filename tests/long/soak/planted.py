@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import Any, Final
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.node.client import NodeClient
-from pdgw.dsp402.drive import checks
+from pdgw.dsp402.drive import tpdo_check
 from pdgw.dsp402.states import STATE_OF_STATUS
-from pdgw.durations import SECOND
 from pdgw.gateway.axis import interlock
 from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
 from pdgw.gateway.axis.adapters.speed_words import SpeedAdapter
@@ -93,8 +93,8 @@ def _iops_ignored(method: Any, self: CyclicEndpoint, data: bytes, *arguments: An
 
 def _never_trusted(patch: Patch) -> None:
     """An object that was sent with every motion is compared again, and the first difference counts."""
-    patch.setattr(checks.Place, "confirmed", property(lambda self: False))
-    patch.setattr(checks, "CONTRADICTIONS", 1)
+    patch.setattr(tpdo_check.Place, "confirmed", property(lambda self: False))
+    patch.setattr(tpdo_check, "CONTRADICTIONS", 1)
 
 
 _QUICK_STOP_COASTS: Final = each_cell(

@@ -13,17 +13,17 @@ from pathlib import Path
 from random import Random
 from typing import ClassVar, Final
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import EMCY
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import TraceConfig
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.links.udp import Address
+from pdgw.gateway.daemon.assembly import build_gateway
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, Machine, shape

@@ -6,7 +6,7 @@ import logging
 from collections import deque
 from collections.abc import Callable
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 
 _KEPT = 60
 _KEPT_WITH_FRAMES = 600

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import NmtState
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.drive_events import POWERED
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS

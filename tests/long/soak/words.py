@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from random import Random
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.modes import Mode
-from pdgw.durations import MS
 from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
 from pdgw.profidrive.telegrams import Telegram
 from tests.long.soak.plan import TRANSPARENT

@@ -8,12 +8,12 @@ from functools import cache
 from itertools import product
 from typing import TypeVar
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.identification.describe import answers_of_defaults, describe
 from pdgw.dsp402.modes import Mode
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -25,7 +25,7 @@ from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import shape
-from pdgw.profidrive.frame import MONITORING_OFF
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from tests.long.rules import Rule
 from tests.long.walk.brakes import BrakeMonitor
 from tests.long.walk.drive import anything, guarded

@@ -17,12 +17,13 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.adapter import _UNCONTROLLED, Adapter, ControlWordAdapter
 from pdgw.gateway.axis.adapters.position_words import PositionerAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import Demand, MotionDemand, PowerWish, SpeedDemand
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.executor import LimitWatch
@@ -38,13 +39,13 @@ from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
 from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
-from pdgw.gateway.axis.values import Answer, Inputs, Outputs
+from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
+from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import RISING, BasicPositioner, Positioner
 from pdgw.gateway.motion.requests import Motion, PositionerFeedback
 from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_LEFT_NS, Course, Stall, UserCourse
-from pdgw.gateway.motion.units import Ring
-from pdgw.profidrive.frame import SignOfLife
+from pdgw.profidrive.sign_of_life import SignOfLife
 
 OF: Final[dict[type, dict[str, Any]]] = {
     DriveCommand: {

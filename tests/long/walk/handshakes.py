@@ -15,7 +15,7 @@ from itertools import product
 from struct import pack
 from typing import NamedTuple
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.executors.positions.telegram_9 import PositioningExecutor
 from pdgw.gateway.axis.settings import AxisSettings

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
-from pdgw.gateway.reasons import FaultNumber
-from pdgw.profidrive.frame import following
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
 from tests.long.walk.checkpoint import Checkpoint, Checkpoints
 from tests.long.walk.plc import HOMING_METHOD

@@ -15,12 +15,10 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.codec import (
-    ERROR_TEXTS,
     MAX_ELEMENTS,
     ZERO,
     Attribute,
     ParameterAddress,
-    ParameterErrorNumber,
     Request,
     RequestError,
     RequestId,
@@ -34,6 +32,7 @@ from pdgw.profidrive.parameters.codec import (
     unswap,
 )
 from pdgw.profidrive.parameters.description import Description, Pnu
+from pdgw.profidrive.parameters.error_numbers import ERROR_TEXTS, ParameterErrorNumber
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer, respond
 
 GUIDE = bytes.fromhex("01 01 00 01 10 01 10 18 00 03")

@@ -19,7 +19,6 @@ from pdgw.profidrive.parameters.codec import (
     ZERO,
     Attribute,
     ParameterAddress,
-    ParameterRefused,
     Request,
     RequestId,
     Response,
@@ -27,8 +26,9 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.error_numbers import ParameterRefused
 from pdgw.profidrive.parameters.faults import SIZE, Fault, FaultBuffer
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer, converted, respond
 

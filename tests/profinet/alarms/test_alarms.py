@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profinet.alarms import apmx
 from pdgw.profinet.alarms.apmx import PDU, TABLE, AlarmMachine, AlarmRelation, Event, PduType, State
 from pdgw.profinet.alarms.diagnosis import AlarmSource, Diagnosis, Notification

@@ -9,7 +9,7 @@ from uuid import UUID
 
 import pytest
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.alarms import apmx
 from pdgw.profinet.alarms.apmx import PduType

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.frame import STATUS_NO_PROBLEM, STATUS_NORMAL, STATUS_STOP
 from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.connect_blocks import HOLD_MAX_NS, IocrType

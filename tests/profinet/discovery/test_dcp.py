@@ -12,7 +12,7 @@ from scapy.contrib.pnio import ProfinetIO
 from scapy.contrib.pnio_dcp import ProfinetDCP
 from scapy.layers.l2 import Ether
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import ethernet
 from pdgw.profinet.discovery import dcp

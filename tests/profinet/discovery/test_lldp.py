@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scapy.contrib import lldp as scapy_lldp
 from scapy.layers.l2 import Ether
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.port import PortDataAdjust, PortDataCheck
 from pdgw.profinet.connection.cmdev import Event

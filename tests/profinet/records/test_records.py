@@ -8,7 +8,7 @@ from uuid import UUID
 
 import pytest
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass, Severity
 from pdgw.profinet.blocks.connect_blocks import ArType
 from pdgw.profinet.blocks.record_blocks import (

@@ -10,12 +10,12 @@ import enum
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.peers.drive import Latency, SimulatedDrive
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import World

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import OUTPUTS_MASK, Block, BlockMode, BlockNext
 from pdgw.gateway.motion.positioner import BasicPositioner
 from pdgw.gateway.motion.requests import (
@@ -17,7 +18,6 @@ from pdgw.gateway.motion.requests import (
     PositionerRequest,
     Seen,
 )
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 
 CYCLE = 4_000_000

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE

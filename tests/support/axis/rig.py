@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive.settings import DriveSettings
@@ -11,7 +12,6 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import with_objects
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode
 from pdgw.gateway.motion.dsc_setpoint import DscForm

@@ -16,8 +16,8 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.power_states import Drive
 from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
 from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, NodeNotice, Notice, SdoAnswer, SdoWrite
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
-from pdgw.gateway.reasons import Reason
 from tests.support.axis.positioner import CHOICES
 from tests.support.drives.drive_types import References, engel
 

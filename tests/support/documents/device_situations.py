@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand, NmtState
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import STATUS_OF, State
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode

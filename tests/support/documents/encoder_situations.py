@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.device_situations import DeviceSituation
 from tests.support.documents.situations import both, run_out, send

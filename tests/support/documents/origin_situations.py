@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import EMCY, NMT, NmtCommand, NmtState
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
-from pdgw.durations import MS
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import Enable
+from pdgw.gateway.base.reasons import Enable
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.situations import (

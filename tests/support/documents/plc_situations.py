@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from pdgw.durations import SECOND
-from pdgw.gateway.daemon import Daemon
+from pdgw.base.durations import SECOND
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.links.profinet.station import profinet_model
 from pdgw.peers.controller.controller import Phase
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NORMAL, TRAILER

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.profidrive.measuring import SensorFormat
+from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.telegrams import TelegramHalf
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from tests.support.documents.device_situations import DEVICE_SITUATIONS
 from tests.support.documents.encoder_situations import ENCODER_SITUATIONS

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
-from pdgw.durations import MS
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.base.reasons import Enable
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.reasons import Enable
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.model.model import DriveModel

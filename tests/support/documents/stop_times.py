@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from random import Random
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.states import Command, State
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.assembly import build_gateway
+from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import World

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import NmtCommand
-from pdgw.durations import MS
 from pdgw.peers.node.node import SimulatedNode
 
 N = TypeVar("N", bound=SimulatedNode)

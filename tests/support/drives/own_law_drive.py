@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from pdgw.base.durations import MS
 from pdgw.ds301.communication import NmtState, communication_objects, pdo_objects
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit, next_state
-from pdgw.durations import MS
 from pdgw.peers.node.node import SendFunction, SimulatedNode, Value
 from pdgw.peers.node.running import RunningNode
 from pdgw.peers.world import World

@@ -19,8 +19,8 @@ import canopen.pdo.base
 import canopen.profiles.p402
 import canopen.sdo.client
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.bus.can_frame import REMOTE
-from pdgw.durations import SECOND
 from pdgw.peers.world import World
 
 _WAITING = (canopen.sdo.client, canopen.pdo.base, canopen.nmt, canopen.emcy, canopen.profiles.p402)

@@ -7,12 +7,14 @@ from contextlib import contextmanager
 from typing import TypeVar
 from unittest.mock import patch
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
+from pdgw.gateway.client import udp as client_module
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.configuration.toml_file import toml_text
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
@@ -20,8 +22,6 @@ from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.plc.exchange import plc
 from pdgw.peers.world import Gateway, World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.client import udp as client_module
-from pdgw.tools.client.udp import ParameterClient
 from tests.support.gateways.fault_display import drive_state
 
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)

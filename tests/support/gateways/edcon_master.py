@@ -16,8 +16,8 @@ from unittest.mock import patch
 
 import pytest
 
-from pdgw.durations import SECOND
-from pdgw.gateway.daemon import Daemon
+from pdgw.base.durations import SECOND
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.profidrive.telegrams import TelegramHalf, telegram
 from tests.support.gateways.daemon import Plc
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject

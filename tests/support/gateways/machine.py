@@ -6,10 +6,10 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from pdgw.gateway.assembly import build_gateway
+from pdgw.gateway.base.platform import open_configured_bus
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.platform import open_configured_bus
+from pdgw.gateway.daemon.assembly import build_gateway
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.simulation.config import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from tests import conftest

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.client.udp import ParameterClient
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
-from pdgw.tools.client.udp import ParameterClient
 from tests.support.gateways.daemon import configuration, serving
 
 

@@ -8,13 +8,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.assembly import build_gateway
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.assembly import build_gateway
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.links.profinet.io_device import ProfinetLink
-from pdgw.gateway.links.udp import Address
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.exchange import ControllerExchange
 from pdgw.peers.controller.project import Project

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.decoder.step_replay import Difference, Replayed

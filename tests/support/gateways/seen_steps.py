@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pdgw.gateway.axis.values import Inputs
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace.pcapng import TracedObject
 from pdgw.gateway.trace.reader import Cycle, Parser
 from pdgw.gateway.trace.step_reader import Step

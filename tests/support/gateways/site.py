@@ -7,8 +7,8 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder

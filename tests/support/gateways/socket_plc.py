@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from pdgw.base.durations import MS
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.durations import MS
-from pdgw.gateway.links.udp import Address, UdpSocket
+from pdgw.gateway.base.udp import Address, UdpSocket
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.profidrive.telegrams import telegram
 from tests.support.buses import PATIENCE_S, check_processes

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from pdgw.dsp402.states import State
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.profidrive.telegrams import TELEGRAMS
 from pdgw.tools.plc.code import STATES, has_axis
 from tests.support.gateways.daemon import drive_of, running

@@ -8,7 +8,7 @@ from typing import Any
 
 from pdgw.gateway.configuration.byte_map import frame_maps
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 from pdgw.tools.plc.code import structured_text
 from pdgw.tools.plc.library import block_name

@@ -11,9 +11,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import BinaryIO
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.trace.pcapng import udp_header
 from pdgw.profidrive.frame import (
     CYCLIC_PORT,

@@ -12,7 +12,7 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import RawPcapNgReader
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction

@@ -17,9 +17,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Final, Self
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.arrivals import SO_TIMESTAMPNS
-from pdgw.durations import SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.tools.decoder.capture.live import EVERY_PROTOCOL
 from pdgw.tools.decoder.frames.records import LinkType

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from itertools import count
 from typing import Any, Final, NamedTuple
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.tools.plc.declarations import StructuredTextError, Token, pieces
 from tests.support.structured_text import types
 from tests.support.structured_text.functions import FUNCTIONS, blocks, conversion

@@ -6,8 +6,8 @@ from collections import deque
 from collections.abc import Callable
 
 from pdgw.ds301.loop.loop import Loop
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import Address
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.udp import Address
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite, Medium
 from tests.support.wire.profinet import DEVICE_MAC, PLC_IP

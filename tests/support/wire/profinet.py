@@ -11,7 +11,7 @@ from uuid import UUID
 from scapy.contrib.pnio import ProfinetIO
 from scapy.layers.l2 import Dot1Q, Ether
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.telegrams import telegram

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.durations import SECOND
-from pdgw.gateway.errors import GatewayError
-from pdgw.phrases import counted
+from pdgw.base.durations import SECOND
+from pdgw.base.phrases import counted
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.options import Station
 

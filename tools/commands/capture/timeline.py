@@ -1,4 +1,7 @@
-"""``pdgw timeline``: merge both buses by time, each edge with its cause and each rejection with its reason. ``pdgw replay``."""
+"""``pdgw timeline``: merge both buses by time, each edge with its cause and each rejection with its reason. ``pdgw replay``.
+
+``pdgw replay``: check whether this version decides and sends the same as a recording of the gateway.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.durations import SECOND
-from pdgw.gateway.errors import GatewayError
-from pdgw.phrases import counted
+from pdgw.base.durations import SECOND
+from pdgw.base.phrases import counted
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.options import Config, Files, Nodes, Offset, Station, Telegrams
 from pdgw.tools.output.reports import to_be_written
 
@@ -119,9 +122,6 @@ def _text(opening: Opening, part: Part, *, verbose: bool) -> Iterator[str]:
     yield from repetitions.ended()
     yield ""
     yield from summary_lines(summary, opening.clocks, opening.assumed)
-
-
-# ``pdgw replay``: check whether this version decides and sends the same as a recording of the gateway.
 
 
 def replay(

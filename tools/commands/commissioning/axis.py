@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.options import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -42,9 +42,9 @@ def try_out(
     backward: Annotated[bool, typer.Option("--backward", help="With a negative speed.")] = False,
 ) -> None:
     """Turn an axis slowly without a PLC, after a typed confirmation, and compare commanded and measured values."""
+    from pdgw.gateway.base.platform import SystemPlatform
+    from pdgw.gateway.base.store import ParameterStore, confirmation
     from pdgw.gateway.configuration.file import load_config
-    from pdgw.gateway.platform import SystemPlatform
-    from pdgw.gateway.store import ParameterStore, confirmation
     from pdgw.tools.bus_task import complete
     from pdgw.tools.commissioning.axis_test import AxisTest, Choices
     from pdgw.tools.service.child_processes import device_processes

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.objects import DRIVE_PROFILE
 from pdgw.dsp406.kinds import ENCODER_PROFILE
-from pdgw.durations import SECOND
-from pdgw.gateway.errors import GatewayError, writing
+from pdgw.gateway.base.errors import GatewayError, writing
 
 if TYPE_CHECKING:
     from pdgw.gateway.commissioning.scan import Expected, FoundNode
@@ -47,7 +47,8 @@ def scan(
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
 ) -> None:
     """List the nodes on a bus, their types and what they lack for each telegram; read-only."""
-    from pdgw.gateway.commissioning.scan import Scan, draft, expected_on, load_sheets
+    from pdgw.gateway.commissioning.draft import draft
+    from pdgw.gateway.commissioning.scan import Scan, expected_on, load_sheets
     from pdgw.gateway.configuration.environment import CanConfig
     from pdgw.gateway.configuration.file import load_config
     from pdgw.tools.bus_task import complete, opened

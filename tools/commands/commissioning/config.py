@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.gateway.errors import GatewayError
-from pdgw.phrases import counted
+from pdgw.base.phrases import counted
+from pdgw.gateway.base.errors import GatewayError
 
 if TYPE_CHECKING:
     from pdgw.ds301.node.plan import PdoPlan
     from pdgw.dsp402.drive_type import DriveType
-    from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+    from pdgw.gateway.configuration.axis_config import AxisConfig
+    from pdgw.gateway.configuration.config import GatewayConfig
     from pdgw.gateway.configuration.environment import CanConfig
 
 app = typer.Typer(help="Print an example configuration, or check a file.", no_args_is_help=True)
@@ -41,10 +42,10 @@ def check(
     ] = False,
 ) -> None:
     """Validate a file; print one line for each error (exit status 1)."""
+    from pdgw.gateway.base.store import stored_parameters
     from pdgw.gateway.configuration.check import references_wrong
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.service.operating_system import NEEDED_BELOW_MS
-    from pdgw.gateway.store import stored_parameters
 
     config = load_config(file)
     wrong = references_wrong(config, file)
@@ -128,8 +129,8 @@ def _start(config: GatewayConfig) -> list[str]:
 
     The result is a line for each protection, as far as it is known before the start.
     """
-    from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.configuration.environment import TransportConfig
+    from pdgw.gateway.daemon.assembly import build_gateway
     from pdgw.gateway.objects.protections import protections
     from pdgw.gateway.service.causes import who
     from pdgw.peers.world import World
@@ -150,7 +151,7 @@ def _open(config: GatewayConfig) -> None:
 
     A gateway that runs has its ports, and its recording must stay.
     """
-    from pdgw.gateway.assembly import build_gateway
+    from pdgw.gateway.daemon.assembly import build_gateway
     from pdgw.gateway.service.operating_system import request
 
     unrecorded = config.trace.model_copy(update={"enabled": False})

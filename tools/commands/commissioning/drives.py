@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pdgw.base.phrases import did_you_mean
 from pdgw.ds301.communication import NODE_IDS
-from pdgw.gateway.errors import GatewayError
-from pdgw.phrases import did_you_mean
+from pdgw.gateway.base.errors import GatewayError
 
 if TYPE_CHECKING:
     from pdgw.ds301.eds.importer import EdsImport

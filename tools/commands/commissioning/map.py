@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.gateway.errors import GatewayError, writing
+from pdgw.gateway.base.errors import GatewayError, writing
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
 
@@ -75,10 +75,10 @@ def map_(
     ] = None,
 ) -> None:
     """Print the byte map of a configuration, with unit and 100 % of every value, or code for the PLC."""
+    from pdgw.gateway.base.store import stored_parameters
     from pdgw.gateway.configuration.byte_map import frame_maps
     from pdgw.gateway.configuration.environment import TransportConfig
     from pdgw.gateway.configuration.file import load_config
-    from pdgw.gateway.store import stored_parameters
     from pdgw.tools.output.data_sheets import write_gsdml
     from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
     from pdgw.tools.plc.plcopen import plcopen_xml

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pdgw.gateway.errors import GatewayError
-from pdgw.phrases import counted
+from pdgw.base.phrases import counted
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.tools.options import parse_address
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from pdgw.gateway.client.session import Element, Progress, Session
     from pdgw.profidrive.parameters.description import Description
-    from pdgw.tools.client.session import Element, Progress, Session
 
 app = typer.Typer(help="Read and write parameters of a gateway or of another PROFIdrive device.", no_args_is_help=True)
 
@@ -48,8 +48,8 @@ def options(
 
 @contextmanager
 def _session(gateway: str, do_id: int) -> Iterator[Session]:
-    from pdgw.tools.client.session import Session
-    from pdgw.tools.client.udp import ParameterClient
+    from pdgw.gateway.client.session import Session
+    from pdgw.gateway.client.udp import ParameterClient
 
     place = dict(_place)
     profinet = place.pop("profinet", False)
@@ -86,7 +86,7 @@ def _print_table(titles: Sequence[str], rows: Iterable[Sequence[RenderableType |
 
 def _show(session: Session, elements: list[Element], *, as_json: bool) -> None:
     """Print values. The exit status is 1 when a parameter could not be read."""
-    from pdgw.tools.client.session import address_text, meaning
+    from pdgw.gateway.client.session import address_text, meaning
 
     if as_json:
         typer.echo(json.dumps([element.document() for element in elements], indent=2))
@@ -113,7 +113,7 @@ def _show(session: Session, elements: list[Element], *, as_json: bool) -> None:
 @app.command()
 def read(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False) -> None:
     """Read parameters; without a subindex, all elements of an array."""
-    from pdgw.tools.client.address import parse_target
+    from pdgw.gateway.client.address import parse_target
 
     targets = [parse_target(text) for text in parameters]
     with _session(gateway, do_id) as session:
@@ -136,7 +136,7 @@ def write(
     as_json: AsJson = False,
 ) -> None:
     """Write parameters; as many as possible in one request."""
-    from pdgw.tools.client.address import parse_target, parse_type
+    from pdgw.gateway.client.address import parse_target, parse_type
 
     if len(assignments) % 2:
         raise GatewayError(f"{assignments[-1]!r}: a value is missing; expected PARAMETER VALUE pairs")
@@ -147,7 +147,7 @@ def write(
 
 
 def _described(pnu: int, item: Description | None) -> dict[str, Any]:
-    from pdgw.tools.client.session import full_name
+    from pdgw.gateway.client.session import full_name
 
     return {
         "pnu": pnu,
@@ -161,7 +161,7 @@ def _described(pnu: int, item: Description | None) -> dict[str, Any]:
 @app.command("list")
 def list_(gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False) -> None:
     """List all parameters of the device (P980 ff)."""
-    from pdgw.tools.client.session import address_text
+    from pdgw.gateway.client.session import address_text
 
     with _session(gateway, do_id) as session, _progress("reading descriptions") as progress:
         pnus = session.pnus()
@@ -183,8 +183,8 @@ def list_(gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False)
 @app.command()
 def describe(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False) -> None:
     """Show description, limits and texts of parameters."""
-    from pdgw.tools.client.address import parse_target
-    from pdgw.tools.client.session import address_text
+    from pdgw.gateway.client.address import parse_target
+    from pdgw.gateway.client.session import address_text
 
     pnus = [parse_target(text).pnu for text in parameters]
     documents: list[dict[str, Any]] = []
@@ -222,7 +222,7 @@ def identify(gateway: Gateway = _DEFAULT, as_json: AsJson = False) -> None:
     """Show vendor, order number, serial number, revisions and tags of the device (I&M0 to I&M4)."""
     from rich.text import Text
 
-    from pdgw.tools.client.udp import read_identification
+    from pdgw.gateway.client.udp import read_identification
 
     with _session(gateway, 0) as session:
         fields = read_identification(session.client)
@@ -240,8 +240,8 @@ def dump(
     do_id: DoId = 1,
 ) -> None:
     """Save all parameters of a drive object."""
-    from pdgw.tools.client.dump import read_all
-    from pdgw.tools.client.session import address_text
+    from pdgw.gateway.client.dump import read_all
+    from pdgw.gateway.client.session import address_text
 
     with _session(gateway, do_id) as session, _progress("reading") as progress:
         saved, failed = read_all(session, progress)
@@ -277,8 +277,8 @@ def restore_(
     ] = False,
 ) -> None:
     """Show the differences between a file and the device, then write all differing settings or none."""
-    from pdgw.tools.client.dump import Dump, difference, other_origin, other_telegram, restore
-    from pdgw.tools.client.session import address_text
+    from pdgw.gateway.client.dump import Dump, difference, other_origin, other_telegram, restore
+    from pdgw.gateway.client.session import address_text
 
     saved = Dump.load(file)
     with _session(gateway, do_id) as session:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.defaults import SIMULATED_ENCODER_TELEGRAM
-from pdgw.gateway.errors import GatewayError
 from pdgw.tools.options import only_with, telegrams_of_axes
 from pdgw.tools.service.log_format import FileOption, FormatOption, LevelOption, LogFormat, LogLevel
 
 if TYPE_CHECKING:
-    from pdgw.explain import Problem
+    from pdgw.base.validation import Problem
     from pdgw.gateway.configuration.config import GatewayConfig
 
 log = logging.getLogger("gateway")
@@ -29,7 +29,7 @@ log = logging.getLogger("gateway")
 def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayConfig:
     from pydantic import ValidationError
 
-    from pdgw.explain import problems
+    from pdgw.base.validation import problems
     from pdgw.gateway.configuration.config import GatewayConfig
 
     given = {key: value for key, value in updates.items() if value is not None}
@@ -100,12 +100,12 @@ def run(
 
     SIGHUP opens the log file again.
     """
-    from pdgw.gateway.assembly import build_gateway
+    from pdgw.gateway.base.identity import beyond_measured, build_text
+    from pdgw.gateway.base.run_directory import run_directory
     from pdgw.gateway.configuration.file import load_config, simulated
-    from pdgw.gateway.identity import beyond_measured, build_text
-    from pdgw.gateway.last_words import kept_last_words
+    from pdgw.gateway.daemon.assembly import build_gateway
     from pdgw.gateway.service import operating_system
-    from pdgw.gateway.trace.place import run_directory
+    from pdgw.gateway.service.last_words import kept_last_words
     from pdgw.tools.service.child_processes import device_processes, page_process, trace_keeper
     from pdgw.tools.service.run_log import RunLog, on_signals
 

@@ -1,4 +1,7 @@
-"""``pdgw status``: show what a running gateway does and why an axis does not move. ``pdgw explain``."""
+"""``pdgw status``: show what a running gateway does and why an axis does not move. ``pdgw explain``.
+
+``pdgw explain``: show what happened around the last fault or stop, in at most ten lines.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,8 @@ from typing import Annotated, Any
 
 import typer
 
+from pdgw.gateway.base.errors import GatewayError, writing
 from pdgw.gateway.configuration.defaults import STATUS_PORT
-from pdgw.gateway.errors import GatewayError, writing
 
 _PERIOD_S = 1.0
 
@@ -113,9 +116,6 @@ def _watch(port: int, do_id: int | None, *, as_json: bool, counters: bool, fault
             else:
                 typer.echo(f"{text}\n")
             time.sleep(_PERIOD_S)
-
-
-# ``pdgw explain``: show what happened around the last fault or stop, in at most ten lines.
 
 
 def explain(

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
+from pdgw.base.phrases import counted
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.defaults import Trigger
-from pdgw.gateway.errors import GatewayError
-from pdgw.phrases import counted
 
 if TYPE_CHECKING:
     from pdgw.gateway.trace.reader import RingReader
@@ -59,7 +59,7 @@ def save_(
 @app.command("list")
 def list_() -> None:
     """List the ring files of this machine, also of ended and killed gateways."""
-    from pdgw.gateway.trace.place import rings, run_directory
+    from pdgw.gateway.base.run_directory import rings, run_directory
     from pdgw.gateway.trace.reader import RingReader
 
     for path in rings():
@@ -122,7 +122,7 @@ def watch(
 
 def kept_directory() -> Path:
     """Default folder of kept files. GatewayError when there is no home directory."""
-    from pdgw.gateway.store import state_directory
+    from pdgw.gateway.base.store import state_directory
 
     state = state_directory()
     if state is None:

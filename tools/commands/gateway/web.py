@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.extras import EXTRA_OF, missing
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.extras import EXTRA_OF, missing
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.service.log_format import FileOption, FormatOption, LevelOption, LogFormat, LogLevel
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def _end_with_input() -> None:
 def _listening(config: GatewayConfig, listen: str) -> GatewayConfig:
     from pydantic import ValidationError
 
-    from pdgw.explain import problems
+    from pdgw.base.validation import problems
     from pdgw.gateway.configuration.web import WebConfig
 
     try:

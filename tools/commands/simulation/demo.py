@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pdgw.extras import missing
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.extras import missing
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.options import end_as_by_ctrl_c
 

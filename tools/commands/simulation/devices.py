@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pdgw.dsp406.kinds import DEVICES, ROTARY
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.peers.option_values import BUS_PORT, CONSOLE_COMMANDS, ENGEL, MOTIONS, SHAPES
 from pdgw.tools.command_table import SIM_COMMANDS, lazy_group
 from pdgw.tools.options import ControlPort, send_command
@@ -94,8 +94,8 @@ def bus(
     example_: Annotated[bool, typer.Option("--example", help="Print a commented example of the file.")] = False,
 ) -> None:
     """Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; --serve opens the bus too."""
+    from pdgw.gateway.base.platform import open_configured_bus
     from pdgw.gateway.configuration.environment import CanConfig
-    from pdgw.gateway.platform import open_configured_bus
     from pdgw.peers.bus import INTERFACE, ServedBus
     from pdgw.peers.simulation.config import ControlConfig, add_device, example, load_bus
     from pdgw.peers.simulation.console import run

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import GatewayError, writing
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.errors import GatewayError, writing
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT

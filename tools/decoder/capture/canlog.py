@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
+from pdgw.base.durations import SECOND, US
+from pdgw.base.phrases import counted
 from pdgw.ds301.bus.can_frame import ERROR, EXTENDED_ID, STANDARD_ID
-from pdgw.durations import SECOND, US
-from pdgw.phrases import counted
 from pdgw.tools.decoder.capture.pcap import ByteSource, CaptureError, Window
 from pdgw.tools.decoder.frames.engine import CanPacket
 from pdgw.tools.decoder.frames.link import CanFrame

@@ -1,4 +1,8 @@
-"""Facts for the decoder before a capture, from configuration, data sheets and user."""
+"""Facts for the decoder before a capture, from configuration, data sheets and user.
+
+A configuration as the decoder knows it. EDS and DCF files as entries for the decoder. Facts for the decoder before a capture:
+from the user, and from the start of the capture.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.communication import NODE_IDS
 from pdgw.ds301.eds.values import UNICODE_STRING
 from pdgw.ds301.objects import Access, CanType, Entry
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.decoder.capture.pcap import CaptureError
 from pdgw.tools.decoder.capture.source import open_source
@@ -27,8 +31,6 @@ from pdgw.tools.decoder.view.names import Names
 
 if TYPE_CHECKING:
     from pdgw.gateway.configuration.config import GatewayConfig
-
-# A configuration as the decoder knows it.
 
 
 def configured_settings(config: GatewayConfig, telegrams: Sequence[int] = ()) -> Settings:
@@ -55,9 +57,6 @@ def configured_settings(config: GatewayConfig, telegrams: Sequence[int] = ()) ->
 
 def _configured_eds(config: GatewayConfig) -> dict[int, Path]:
     return {axis.node_id: axis.eds for axis in config.axis if axis.eds and axis.eds.is_file()}
-
-
-# EDS and DCF files as entries for the decoder.
 
 
 _TYPES = {type_.code: type_ for type_ in CanType}
@@ -105,9 +104,6 @@ def dictionary_of(files: Mapping[int, Path], default: Path | None = None) -> Dic
             raise GatewayError(f"{path}: {error}") from error
 
     return of
-
-
-# Facts for the decoder before a capture: from the user, and from the start of the capture.
 
 
 _PACKETS_MAX: Final = 20_000

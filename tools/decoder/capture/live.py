@@ -1,4 +1,8 @@
-"""Live sources, and times as the user gives them."""
+"""Live sources, and times as the user gives them.
+
+Times as the user gives them. Live sources: a network interface (raw socket, Linux) or a python-can bus. They end when they are
+interrupted.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,11 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 
-from pdgw.durations import SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import SECOND
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.decoder.capture.source import Source
 from pdgw.tools.decoder.frames.engine import CanPacket, Packet
 from pdgw.tools.decoder.frames.records import LinkType
-
-# Times as the user gives them.
 
 
 def moment(text: str, option: str, zero_ns: int) -> int:
@@ -27,9 +29,6 @@ def moment(text: str, option: str, zero_ns: int) -> int:
         return round(datetime.datetime.fromisoformat(text).timestamp() * SECOND)
     except (ValueError, OverflowError, OSError):
         raise GatewayError(f"{option} {text}: expected seconds or an ISO time like 2026-03-01T12:00:00") from None
-
-
-# Live sources: a network interface (raw socket, Linux) or a python-can bus. They end when they are interrupted.
 
 
 EVERY_PROTOCOL = 3

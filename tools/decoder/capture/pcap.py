@@ -1,4 +1,13 @@
-"""Capture files in the formats pcap and pcapng: reading, writing, errors."""
+"""Capture files in the formats pcap and pcapng: reading, writing, errors.
+
+The error of damaged captures. The configuration in a pcapng file. A binary stream read in blocks, with a window that is cut
+from the front: constant memory for files of any size. pcap and pcapng files, packet by packet.
+
+Source: draft-ietf-opsawg-pcap, draft-ietf-opsawg-pcapng (section header, interface description, enhanced, simple and
+obsolete packet blocks; both byte orders; if_name, if_tsresol, if_tsoffset). Own readers, because they are the hot path of
+the decoder. Left out: decryption secrets, name resolution, statistics: skipped. A damaged file is a ``CaptureError`` with
+the offset.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
-from pdgw.durations import SECOND, US
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import SECOND, US
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.trace import pcapng
 from pdgw.tools.decoder.frames.engine import Packet
-
-# The error of damaged captures.
 
 
 class CaptureError(GatewayError):
@@ -24,9 +31,6 @@ class CaptureError(GatewayError):
         self.offset = offset
         where = "" if offset is None else f"offset {offset}: "
         super().__init__(f"{source}: {where}{what}")
-
-
-# The configuration in a pcapng file.
 
 
 _HEAD_MAX: Final = 2 << 16
@@ -40,9 +44,6 @@ def configuration_in(path: Path) -> str:
             return pcapng.configuration(file.read(_HEAD_MAX))
     except OSError:
         return ""
-
-
-# A binary stream read in blocks, with a window that is cut from the front: constant memory for files of any size.
 
 
 BLOCK = 1 << 20
@@ -87,14 +88,6 @@ class Window:
             self.data = self.data[self.at :] + part
             self.at = 0
         return True
-
-
-# pcap and pcapng files, packet by packet.
-#
-# Source: draft-ietf-opsawg-pcap, draft-ietf-opsawg-pcapng (section header, interface description, enhanced, simple and
-# obsolete packet blocks; both byte orders; if_name, if_tsresol, if_tsoffset). Own readers, because they are the hot path of
-# the decoder. Left out: decryption secrets, name resolution, statistics: skipped. A damaged file is a ``CaptureError`` with
-# the offset.
 
 
 MAX_PACKET: Final = 1 << 18

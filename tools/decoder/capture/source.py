@@ -1,4 +1,8 @@
-"""Sources of records: files, standard input, and the iteration for programs."""
+"""Sources of records: files, standard input, and the iteration for programs.
+
+A capture as the records in it, for programs: open, decode, iterate. Open a file or standard input; the content determines the
+format, else the name.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +24,6 @@ from pdgw.tools.decoder.frames.records import Record
 if TYPE_CHECKING:
     from can.io.generic import MessageReader
 
-# A capture as the records in it, for programs: open, decode, iterate.
-
 
 def read_records(path: str | PathLike[str], telegrams: Sequence[int] = ()) -> Iterator[Record]:
     """Read the records of a capture of either bus (pcap, pcapng, candump, python-can's logs), one for each packet, in order.
@@ -34,9 +36,6 @@ def read_records(path: str | PathLike[str], telegrams: Sequence[int] = ()) -> It
     with open_source(fspath(path)) as source:
         for packet in source.packets:
             yield decoder.decode(packet)
-
-
-# Open a file or standard input; the content determines the format, else the name.
 
 
 STANDARD_INPUT: Final = "-"

@@ -1,4 +1,11 @@
-"""Captures as tables of Apache Arrow, Parquet files and data sets."""
+"""Captures as tables of Apache Arrow, Parquet files and data sets.
+
+Rows as a table of Apache Arrow, and as a Parquet file. Many captures as one Parquet data set, partitioned by file and axis, in
+any number of processes or on a cluster.     ROOT/file=<path, percent-encoded>/axis=<number, 0: of none>/part.parquet
+
+``write_part`` is the whole work on one file: it takes and gives plain picklable values and needs nothing but the file and
+the place to write to, so that a process pool, Dask or any other scheduler runs it. A part is complete or not there.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
-from pdgw.extras import missing
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.extras import missing
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.decoder.capture.knowledge import Knowledge, known_beforehand, look_ahead
 from pdgw.tools.decoder.capture.pcap import CaptureError, configuration_in
 from pdgw.tools.decoder.capture.source import open_source
@@ -24,8 +31,6 @@ from pdgw.tools.decoder.view.render import Columns, Row
 
 if TYPE_CHECKING:
     import pyarrow
-
-# Rows as a table of Apache Arrow, and as a Parquet file.
 
 
 _ROWS_AT_ONCE: Final = 1 << 16
@@ -87,14 +92,6 @@ class ParquetTable:
         """Everything is in the file afterwards."""
         self._flush()
         self._file.close()
-
-
-# Many captures as one Parquet data set, partitioned by file and axis, in any number of processes or on a cluster.
-#
-#     ROOT/file=<path, percent-encoded>/axis=<number, 0: of none>/part.parquet
-#
-# ``write_part`` is the whole work on one file: it takes and gives plain picklable values and needs nothing but the file and
-# the place to write to, so that a process pool, Dask or any other scheduler runs it. A part is complete or not there.
 
 
 ENDINGS: Final = frozenset((".pcap", ".pcapng", ".log", ".asc", ".blf", ".trc", ".csv", ".mf4", ".db"))

@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.supervision.drive_events import FAULTY
-from pdgw.gateway.errors import writing
+from pdgw.gateway.base.errors import writing
 from pdgw.profidrive.signals import CATALOGUE
 from pdgw.tools.decoder.frames.fields import Document, Field
 from pdgw.tools.decoder.frames.records import CyclicRecord, ProcessData, ProcessDataLayout, Record

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Protocol, TextIO
 
-from pdgw.durations import SECOND, US
-from pdgw.gateway.errors import GatewayError
+from pdgw.base.durations import SECOND, US
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.tools.decoder.export.archive import ParquetTable
 from pdgw.tools.decoder.frames.canopen.can_records import (
     CanRecord,

@@ -1,4 +1,9 @@
-"""How a value is named, scaled and shown, and the dictionary for packets that wait for an answer."""
+"""How a value is named, scaled and shown, and the dictionary for packets that wait for an answer.
+
+A dictionary that drops its oldest entries, for packets that wait for an answer. How a value is named, scaled and shown: one
+``Field`` for a telegram signal or a mapped object. Source: ``profidrive.signals`` and the object declarations of
+``ds301``/``dsp402``; nothing is declared twice here.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +24,6 @@ from pdgw.profidrive.signal_text import scale, value_text
 from pdgw.profidrive.signals import Signal, float_of
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profidrive.words import Bit, unswapped
-
-# A dictionary that drops its oldest entries, for packets that wait for an answer.
-
 
 REMEMBERED: Final = 256
 """Calls and requests that wait for an answer."""
@@ -52,11 +54,6 @@ class BoundedDict(Generic[K, V]):
 
     def pop(self, key: K) -> V | None:
         return self._entries.pop(key, None)
-
-
-# How a value is named, scaled and shown: one ``Field`` for a telegram signal or a mapped object.
-#
-# Source: ``profidrive.signals`` and the object declarations of ``ds301``/``dsp402``; nothing is declared twice here.
 
 
 Raw = int | float | bytes

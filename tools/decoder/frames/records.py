@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NO_PROBLEM, STATUS_PRIMARY, STATUS_RUN, TICK
 from pdgw.profidrive.parameters.codec import Request, Response
 from pdgw.profidrive.telegrams import Direction

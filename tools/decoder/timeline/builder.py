@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle

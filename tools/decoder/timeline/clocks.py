@@ -14,8 +14,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, StatusBit
-from pdgw.durations import MS, SECOND
 from pdgw.tools.decoder.timeline.entries import Edge, WordKind
 
 MAX_EDGES: Final = 300

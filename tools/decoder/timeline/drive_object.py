@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.reasons import GATEWAY_FAULTS, AxisState, Reason
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, AxisState, Reason
 from pdgw.gateway.trace.pcapng import TracedObject
 from pdgw.gateway.trace.step_reader import Step
 from pdgw.gateway.trace.steps import from_json

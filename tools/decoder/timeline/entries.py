@@ -17,7 +17,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.gateway.reasons import AxisState, Reason
+from pdgw.gateway.base.reasons import AxisState, Reason
 from pdgw.tools.decoder.frames.fields import Document, Field
 from pdgw.tools.decoder.frames.records import CyclicRecord, Record
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.tools.decoder.timeline.clocks import Clocks
 from pdgw.tools.decoder.timeline.entries import Anomaly, Edge, Event, ReasonChange, Summary
 from pdgw.tools.decoder.timeline.entries import Entry as TimelineEntry

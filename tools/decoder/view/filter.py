@@ -1,4 +1,15 @@
-"""Selection of packets: by options, by expressions, by changes."""
+"""Selection of packets: by options, by expressions, by changes.
+
+Selection of packets, and of their units and signals. Filter expressions: ``stw1.on == 0 and axis == 1``.
+
+Python's syntax for comparisons, ``and``, ``or``, ``not``, ``in``, arithmetic and bit operations on numbers; no other code
+is executed. Values are those of documents: percent for N2/N4, else raw; text is compared without case. If the packet has a
+signal of the expression, other signals have their last known values of the same axis, so words of different packets can be
+compared. Any other missing name makes the comparison unknown; unknown is neither true nor false (``not`` keeps it), and
+only true results pass.
+
+Only what changed: ``--changes-only`` over the packets of each stream.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +25,6 @@ from pdgw.profidrive.frame import TRAILER
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, HeartbeatRecord, SyncRecord
 from pdgw.tools.decoder.frames.records import CyclicRecord, ProcessData, ProcessDataLayout, Record
 from pdgw.tools.decoder.view.names import RECORD_NAMES, Getter, Names, Value
-
-# Selection of packets, and of their units and signals.
 
 
 @dataclass
@@ -60,15 +69,6 @@ class Selection:
     def _of_signals(self, unit: ProcessData) -> ProcessData | None:
         positions = [unit.layout.positions[name] for name in self.signals if name in unit.layout.positions]
         return reduced(unit, sorted(positions)) if positions else None
-
-
-# Filter expressions: ``stw1.on == 0 and axis == 1``.
-#
-# Python's syntax for comparisons, ``and``, ``or``, ``not``, ``in``, arithmetic and bit operations on numbers; no other code
-# is executed. Values are those of documents: percent for N2/N4, else raw; text is compared without case. If the packet has a
-# signal of the expression, other signals have their last known values of the same axis, so words of different packets can be
-# compared. Any other missing name makes the comparison unknown; unknown is neither true nor false (``not`` keeps it), and
-# only true results pass.
 
 
 Evaluate = Callable[[Record, ProcessData | None], Any]
@@ -276,9 +276,6 @@ def _all_or_any(parts: list[Evaluate], conjunction: bool) -> Evaluate:
 
 def _refused(node: ast.expr, allowed: str) -> ProfidriveError:
     return ProfidriveError(f"filter at column {node.col_offset + 1}", ast.unparse(node), allowed)
-
-
-# Only what changed: ``--changes-only`` over the packets of each stream.
 
 
 class Changes:

@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction
 from pdgw.tools.decoder.frames.canopen.objects import ObjectNames, any_drive, encoder_catalogue

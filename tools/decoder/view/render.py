@@ -1,24 +1,26 @@
-"""Records as text, and chosen names as rows."""
+"""Records as text, and chosen names as rows.
+
+Chosen names of every packet as rows, for tables and curves.
+
+One row for each unit (each packet without units) that has at least one of the chosen signals or of the fields not every
+packet has; when only such common fields are chosen, for all. Where no filter selects units, rows come straight from the
+unpacked frame.
+
+Records as text: one line, or the full tree.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, PdoRecord
 from pdgw.tools.decoder.frames.profinet.connect import StationRecord
 from pdgw.tools.decoder.frames.records import AcyclicRecord, CyclicRecord, ProcessData, ProcessDataLayout, Record
 from pdgw.tools.decoder.view.names import RECORD_NAMES, Getter, Names, Value, part_value
-
-# Chosen names of every packet as rows, for tables and curves.
-#
-# One row for each unit (each packet without units) that has at least one of the chosen signals or of the fields not every
-# packet has; when only such common fields are chosen, for all. Where no filter selects units, rows come straight from the
-# unpacked frame.
-
 
 Row = list[Value]
 _Cell = tuple[int, int, Callable[[Any], Value] | None]
@@ -137,9 +139,6 @@ class Columns:
             if part:
                 change = lambda raw, field=field, part=part: part_value(field, raw, part)  # noqa: E731
             yield column, first + position, change
-
-
-# Records as text: one line, or the full tree.
 
 
 def unit_head(unit: ProcessData) -> str:

@@ -10,8 +10,8 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
+from pdgw.base.durations import SECOND, US
 from pdgw.ds301.bus.load import frame_bits
-from pdgw.durations import SECOND, US
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, PdoRecord

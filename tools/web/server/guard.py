@@ -1,4 +1,12 @@
-"""Who may ask the page for what, and how large answers are sent."""
+"""Who may ask the page for what, and how large answers are sent.
+
+Answers of megabytes: a few at a time, sent in parts, so that readers who take nothing cannot fill the memory. Who may ask for
+what: the rules every request passes before the page's own code sees it.
+
+Only GET and HEAD; a Host that is one of ours (DNS rebinding); nothing for other sites' scripts; the token, as
+``Authorization`` or as the cookie that ``/api/v1/login`` gave for it; headers that let the page load nothing but its own
+files. The rules are plain functions of the request and the time; ``Guard`` is their ASGI middleware.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +23,10 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pdgw.files import read_file
+from pdgw.base.files import read_file
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.web import WebConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.tools.web.server.server import Places, sender
-
-# Answers of megabytes: a few at a time, sent in parts, so that readers who take nothing cannot fill the memory.
-
 
 AT_ONCE = 3
 PART = 64 * 1024
@@ -60,13 +65,6 @@ async def _send(response: Response, send: Send) -> None:
     for begin in range(0, len(body), PART):
         await send({"type": "http.response.body", "body": body[begin : begin + PART], "more_body": True})
     await send({"type": "http.response.body", "body": b""})
-
-
-# Who may ask for what: the rules every request passes before the page's own code sees it.
-#
-# Only GET and HEAD; a Host that is one of ours (DNS rebinding); nothing for other sites' scripts; the token, as
-# ``Authorization`` or as the cookie that ``/api/v1/login`` gave for it; headers that let the page load nothing but its own
-# files. The rules are plain functions of the request and the time; ``Guard`` is their ASGI middleware.
 
 
 COOKIE = "pdgw_session"

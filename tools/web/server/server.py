@@ -1,4 +1,12 @@
-"""The server of the page, and which connections stay open."""
+"""The server of the page, and which connections stay open.
+
+Which connections to the page stay open: few for each unknown sender, and a new one always gets a place.
+
+A connection is unknown until it shows the token or carries a stream. Unknown connections end in favour of newer ones, so a
+sender with many connections loses its own first, and /healthz is always answered.
+
+The server of the page: uvicorn on one address, with limits for unknown senders.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +20,10 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.ports import bound
 from pdgw.gateway.configuration.web import WebConfig
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.ports import bound
 from pdgw.tools.web.stream import Streams
-
-# Which connections to the page stay open: few for each unknown sender, and a new one always gets a place.
-#
-# A connection is unknown until it shows the token or carries a stream. Unknown connections end in favour of newer ones, so a
-# sender with many connections loses its own first, and /healthz is always answered.
-
 
 CONNECTIONS_MAX = 64
 UNKNOWN_MAX = 48
@@ -78,9 +80,6 @@ class Places:
         """The connection is closed."""
         self._unknown.pop(peer, None)
         self._known.discard(peer)
-
-
-# The server of the page: uvicorn on one address, with limits for unknown senders.
 
 
 _AT_ONCE = 1

@@ -7,8 +7,8 @@ import logging
 import time
 from collections import Counter
 
+from pdgw.base.durations import MS_PER_SECOND
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, frame_bits
-from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.service.status_client import fetch, fetch_events, fetch_explanation, fetch_faults

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import HOMING_METHOD, HOMING_SPEEDS
 from pdgw.dsp402.states import StatusBit
-from pdgw.durations import MS
 from pdgw.gateway.axis.executors.executor import Executor
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
 from pdgw.gateway.motion.requests import HomingResult
 from pdgw.gateway.motion.travel import Stall
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
 _START_NS: Final = 50 * MS
 """The start and the answer to it also have to reach their ends."""

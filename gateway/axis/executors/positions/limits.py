@@ -1,4 +1,9 @@
-"""What limits a task: required scaling, torque limit."""
+"""What limits a task: required scaling, torque limit.
+
+Requirements of a traversing task on a drive: its mode, and 100 % of position, velocity and accelerations. The torque limit
+(6072h) of a positioner by SDO: lowered for a fixed stop, and the drive's own value afterwards. Source: docs/motion.md
+"Traversing blocks". The positioner's PDOs have no room for 6072h, and a fixed stop is not urgent.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,9 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import MAX_TORQUE
 from pdgw.gateway.axis.executors.executor import highest
 from pdgw.gateway.axis.values import Outputs, SdoWrite
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
-
-# Requirements of a traversing task on a drive: its mode, and 100 % of position, velocity and accelerations.
 
 
 def base_mode(drive: DriveType, *, modulo: bool) -> int:
@@ -77,11 +80,6 @@ def _rate(drive: DriveType, quantity: Quantity, attribute: str) -> Normalisation
     """A ramp, up to 100 %."""
     limits = drive.limits(attribute)[0], highest(drive, quantity, attribute)
     return n4(drive.scaling.reference(quantity), limits)
-
-
-# The torque limit (6072h) of a positioner by SDO: lowered for a fixed stop, and the drive's own value afterwards.
-#
-# Source: docs/motion.md "Traversing blocks". The positioner's PDOs have no room for 6072h, and a fixed stop is not urgent.
 
 
 @dataclass(slots=True, eq=False)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
-from pdgw.durations import SECOND
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.executors.executor import Executor
-from pdgw.gateway.axis.values import Answer
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
 
 _NOT_CONFIRMED: Final = warning_bits(FaultNumber.MODE_NOT_CONFIRMED)
 

@@ -10,22 +10,22 @@ import enum
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.dsp402.drive_type import POSITIONS, DriveType, Scaling
 from pdgw.dsp402.states import ControlBit, StatusBit
-from pdgw.durations import SECOND
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import STATE_MASK, MotionDemand, Report
 from pdgw.gateway.axis.executors.executor import AT_LIMIT, AT_LIMIT_TEXT, OPERATION_ENABLED, AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_states import Action
-from pdgw.gateway.axis.values import Answer
+from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, PositionerRequest, Seen
 from pdgw.gateway.motion.states import FUNCTIONS, State
 from pdgw.gateway.motion.travel import Stall
-from pdgw.gateway.motion.units import Ring
-from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.signals import signal
 
 HALT = ControlBit.HALT

@@ -21,8 +21,10 @@ from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
 from pdgw.gateway.axis.executors.positions.limits import TorqueLimit, position_mode
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.gateway.motion.blocks import BlockTask
+from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import BasicPositioner
 from pdgw.gateway.motion.requests import (
     Command,
@@ -35,8 +37,7 @@ from pdgw.gateway.motion.requests import (
 )
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.travel import ENDLESS
-from pdgw.gateway.motion.units import DriveUnits, LengthUnits, Ring
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.motion.units import DriveUnits, LengthUnits
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
 

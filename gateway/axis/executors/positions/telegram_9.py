@@ -15,11 +15,11 @@ from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
 from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
 from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.power_states import Action
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.mdi import MdiPositioner
+from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.requests import Command, Goal, HomingResult, Motion, MotionKind, PositionerRequest, Seen
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.motion.units import Direction
-from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 
 _ACTIVATE, _MDI_SELECTED = Command.ACTIVATE_TASK, Command.MDI

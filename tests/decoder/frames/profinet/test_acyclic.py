@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import (
     Attribute,

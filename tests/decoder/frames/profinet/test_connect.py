@@ -24,7 +24,7 @@ from scapy.contrib.pnio_rpc import (
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL

@@ -14,7 +14,7 @@ from scapy.contrib.pnio import ProfinetIO
 from scapy.contrib.pnio_dcp import ProfinetDCP
 from scapy.layers.l2 import Ether
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.connection.cmdev import ABORT_TEXTS, Event

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.states import STATUS_OF, State
-from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import Drive, Phase
 from pdgw.gateway.axis.power_table import CELLS, DRIVES, WISHES, cell
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References
 

@@ -6,9 +6,9 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.profidrive.encoder import SensorError
-from pdgw.profidrive.frame import MONITORING_OFF, following
+from pdgw.profidrive.sign_of_life import MONITORING_OFF, following
 from pdgw.profidrive.signals import signal
 from tests.support.axis.hand import Hand
 from tests.support.axis.rig import Rig

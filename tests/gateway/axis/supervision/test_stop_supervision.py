@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.base.durations import SECOND
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit, enables
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.power_states import Limit
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import Brake, StopWatch
 from pdgw.gateway.axis.values import Configured
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.rig import Rig
 

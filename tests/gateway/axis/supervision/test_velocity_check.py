@@ -9,10 +9,10 @@ from types import MappingProxyType
 
 import pytest
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
 
 CYCLE = 10 * MS
 COUNTS = 4096

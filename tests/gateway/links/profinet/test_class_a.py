@@ -14,7 +14,7 @@ import pytest
 from scapy.contrib.pnio_dcp import ProfinetDCP
 from scapy.layers.l2 import Ether
 
-from pdgw.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.gateway.links.profinet.test_link import Rig

@@ -14,17 +14,17 @@ from uuid import UUID
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.durations import MS
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.base.store import ParameterStore
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES, message_class
 from pdgw.gateway.links.profinet.ethernet import dcp_filter, real_time_filter
 from pdgw.gateway.links.profinet.io_device import ProfinetLink
 from pdgw.gateway.objects.fault_buffer import FaultLog, FaultRecord
-from pdgw.gateway.reasons import Reason
-from pdgw.gateway.store import ParameterStore
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.frame import IOPS_BAD, IOPS_GOOD

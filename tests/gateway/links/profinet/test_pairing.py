@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.durations import MS, SECOND
 from pdgw.gateway.links.profinet.pairing import Pairing
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.connect_blocks import TICK_NS

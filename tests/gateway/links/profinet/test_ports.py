@@ -14,10 +14,10 @@ from scapy.contrib.pnio_dcp import ProfinetDCP
 from scapy.layers.l2 import Ether
 from scapy.layers.snmp import SNMP, SNMPget, SNMPset, SNMPvarbind
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.dsp402.states import State
-from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.links.profinet.ethernet import RawEthernet, medium_of, read_medium
 from pdgw.gateway.links.profinet.snmp import SnmpService
 from pdgw.peers.controller.controller import Phase

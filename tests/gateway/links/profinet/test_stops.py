@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.base.durations import MS
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.project import Layout, Project
 from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_PRIMARY, STATUS_RUN

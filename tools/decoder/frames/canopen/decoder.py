@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.communication import (
@@ -36,7 +37,6 @@ from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirectio
 from pdgw.ds301.sdo_transfer import FRAME_SIZE
 from pdgw.dsp402.identification.overlay import entries_of, families_of
 from pdgw.dsp402.pdo.layouts import with_objects
-from pdgw.durations import MS
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 from pdgw.tools.decoder.frames.canopen.can_records import (
     CanRecord,

@@ -1,4 +1,10 @@
-"""Names and types of objects, and the PDO layouts of a recording."""
+"""Names and types of objects, and the PDO layouts of a recording.
+
+Names and types of objects, and PDO layouts made of mappings.
+
+Source: CiA DS 301 V4.02 chapters 7.4.1 (data types) and 7.5.2.36 (PDO mapping). Objects come from an EDS/DCF (``Entry``
+lists) or from the catalogues of this project. Left out: MPDOs.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +25,6 @@ from pdgw.dsp406.kinds import DEVICES, ENCODER_PROFILE
 from pdgw.tools.decoder.frames.canopen.can_records import PdoLayout
 from pdgw.tools.decoder.frames.fields import Field, Raw, entry_field
 from pdgw.tools.decoder.frames.records import ProcessDataLayout
-
-# Names and types of objects, and PDO layouts made of mappings.
-#
-# Source: CiA DS 301 V4.02 chapters 7.4.1 (data types) and 7.5.2.36 (PDO mapping). Objects come from an EDS/DCF (``Entry``
-# lists) or from the catalogues of this project. Left out: MPDOs.
-
 
 _DUMMY_LAST: Final = 0x001F
 """Indices of the data types themselves: mapped, they are gaps."""

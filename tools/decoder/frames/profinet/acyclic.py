@@ -1,4 +1,13 @@
-"""Acyclic PROFINET: calls, record access, parameter requests."""
+"""Acyclic PROFINET: calls, record access, parameter requests.
+
+Connect, Control and Release: the calls that make, confirm and end relationships. Source: IEC 61158-5-10/-6-10 (CMRPC, CMSM).
+Cyclic data counts once the controller has confirmed ApplicationReady. Acyclic PROFINET: DCE/RPC packets, record access,
+parameter requests and responses paired with each other.
+
+Source: docs/plc.md "Acyclic channel", docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
+``profidrive.parameters.codec``. Connect, Control and Release are read by ``decoder.frames.profinet.calls``. Left out: the
+entries of the endpoint mapper, which is named only.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +16,7 @@ from dataclasses import replace
 from typing import Final
 from uuid import UUID
 
-from pdgw.durations import MS
+from pdgw.base.durations import MS
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import (
     Attribute,
@@ -36,11 +45,6 @@ from pdgw.tools.decoder.frames.records import (
     ParameterResponseRecord,
     Record,
 )
-
-# Connect, Control and Release: the calls that make, confirm and end relationships.
-#
-# Source: IEC 61158-5-10/-6-10 (CMRPC, CMSM). Cyclic data counts once the controller has confirmed ApplicationReady.
-
 
 OPERATIONS: Final = frozenset({Operation.CONNECT, Operation.RELEASE, Operation.CONTROL})
 _CHANGES: Final[dict[type[ControlBlock], Change]] = {
@@ -145,13 +149,6 @@ def _asked_text(connection: Connection, fields: Document) -> str:
     if connection.station:
         parts.append(f"device {connection.station}")
     return ", ".join(parts)
-
-
-# Acyclic PROFINET: DCE/RPC packets, record access, parameter requests and responses paired with each other.
-#
-# Source: docs/plc.md "Acyclic channel", docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
-# ``profidrive.parameters.codec``. Connect, Control and Release are read by ``decoder.frames.profinet.calls``. Left out: the
-# entries of the endpoint mapper, which is named only.
 
 
 _MAX_BODY = 1 << 16

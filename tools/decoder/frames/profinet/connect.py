@@ -1,4 +1,13 @@
-"""Relationships of PROFINET: stations, cyclic frames by a Connect, and their records."""
+"""Relationships of PROFINET: stations, cyclic frames by a Connect, and their records.
+
+MAC addresses of stations, from DCP and Connect. Cyclic frames by a PROFINET Connect: FrameIDs, directions, places of the data
+of each submodule.
+
+Source: IEC 61158-6-10, by the blocks ``profinet.blocks.connect`` declares. For captures only: a Connect that a device would
+refuse is decoded too, other blocks are skipped. Not here: multicast relationships, several API numbers with the same slots.
+
+Records of PROFINET beside cyclic frames and parameters: relationships that come and go, DCP, LLDP, alarms.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +32,6 @@ from pdgw.profinet.model import API_PROFIDRIVE, Subslot
 from pdgw.tools.decoder.frames.profinet.blocks import read_blocks
 from pdgw.tools.decoder.frames.records import AcyclicRecord
 
-# MAC addresses of stations, from DCP and Connect.
-
-
 _STATIONS_MAX: Final = 4096
 
 
@@ -47,12 +53,6 @@ class StationNames:
     def shown(self, mac: bytes) -> str:
         """Name or MAC address, for the reader."""
         return self.of(mac) or mac.hex(":")
-
-
-# Cyclic frames by a PROFINET Connect: FrameIDs, directions, places of the data of each submodule.
-#
-# Source: IEC 61158-6-10, by the blocks ``profinet.blocks.connect`` declares. For captures only: a Connect that a device would
-# refuse is decoded too, other blocks are skipped. Not here: multicast relationships, several API numbers with the same slots.
 
 
 _TYPES: Final = {Direction.ACTUAL: IocrType.INPUT, Direction.SETPOINT: IocrType.OUTPUT}
@@ -140,9 +140,6 @@ def _plan(block: IocrBlockReq, submodules: Mapping[Subslot, ExpectedSubmodule]) 
         data[item.slot, item.subslot] = DataObject(item.offset, length)
     iocs = {(item.slot, item.subslot): item.offset for api in block.apis for item in api.iocs}
     return CyclicPlan(block, block.frame_id, data, iocs)
-
-
-# Records of PROFINET beside cyclic frames and parameters: relationships that come and go, DCP, LLDP, alarms.
 
 
 class Change(enum.Enum):

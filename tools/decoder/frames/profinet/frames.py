@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from pdgw.durations import SECOND
+from pdgw.base.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.alarms.apmx import ALARM_FRAME_IDS, PDU, PduType
 from pdgw.profinet.blocks.alarm import NOTIFICATIONS, AlarmType, Priority

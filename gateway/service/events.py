@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from pdgw.durations import MS_PER_SECOND
+from pdgw.base.durations import MS_PER_SECOND
 
 KEPT: Final = 1000
 

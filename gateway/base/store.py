@@ -1,4 +1,15 @@
-"""Non-volatile parameters of the gateway, and the units that a person has confirmed."""
+"""Non-volatile parameters of the gateway, and the units that a person has confirmed.
+
+Non-volatile gateway parameters in a crash-safe file.
+
+Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of the
+device. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The file is JSON
+with a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is in force
+when it is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters
+(the drive stores its own, 1010h).
+
+Units of an axis that a person has confirmed: written by ``pdgw axis test``, shown by ``pdgw status``.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +23,10 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from pdgw.base.files import read_file
 from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.dsp402.drive_type import Scaling
-from pdgw.files import read_file
-from pdgw.gateway.errors import GatewayError, at_most, problem
-
-# Non-volatile gateway parameters in a crash-safe file.
-#
-# Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of the
-# device. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The file is JSON
-# with a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is in force
-# when it is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters
-# (the drive stores its own, 1010h).
-
+from pdgw.gateway.base.errors import GatewayError, at_most, problem
 
 _STORE_MAX = 16 << 20
 """Bytes; the values of an axis take some kilobytes."""
@@ -249,9 +251,6 @@ class ParameterStore:
             kept = f"cannot be renamed ({error.strerror})"
         self._report(f"parameter store {path}: {why}; {kept}; the values of the configuration are used")
         return DeviceParameters()
-
-
-# Units of an axis that a person has confirmed: written by ``pdgw axis test``, shown by ``pdgw status``.
 
 
 NEVER = "units not verified (pdgw axis test)"

@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 
 try:
     import fcntl

@@ -1,6 +1,14 @@
 """Identification of the gateway: P964, P975 and I&M0. Its build, and what that was measured with.
 
 The vendor and device numbers are placeholders until the configuration sets others: PI assigns them to the seller of a device.
+
+Which build of the package runs: its version, whether its cyclic path is compiled, and the interpreter.
+
+A pure build takes about twice the time of a compiled one for a cycle, so each log, status and measurement says which it
+was.
+
+The numbers of axes and cycle times that each build was measured with, and whether a configuration is beyond them. The figures
+are in ``measured.toml``, from measurements with ``tests.long.bench exchange``.
 """
 
 from __future__ import annotations
@@ -14,7 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from pdgw import __version__
-from pdgw.phrases import counted
+from pdgw.base.phrases import counted
 
 VENDOR_ID = 0xFFFF
 """Not assigned."""
@@ -32,12 +40,6 @@ FIRMWARE_VERSION = RELEASE[0] * 100 + RELEASE[1]
 def unit(vendor_id: int, device_id: int) -> tuple[int, int, int, int, int]:
     """First elements of P964 and P975: manufacturer, type, version, date of the release."""
     return vendor_id, device_id, FIRMWARE_VERSION, RELEASE_YEAR, RELEASE_DAY_MONTH
-
-
-# Which build of the package runs: its version, whether its cyclic path is compiled, and the interpreter.
-#
-# A pure build takes about twice the time of a compiled one for a cycle, so each log, status and measurement says which it
-# was.
 
 
 _HOT: Final = "pdgw.gateway.links.cyclic"
@@ -61,11 +63,6 @@ def interpreter() -> str:
 def build_text() -> str:
     """Such as ``0.9.0, compiled, CPython 3.12.1, PGO``."""
     return f"{__version__}, {kind()}, {interpreter()}"
-
-
-# The numbers of axes and cycle times that each build was measured with, and whether a configuration is beyond them.
-#
-# The figures are in ``measured.toml``, from measurements with ``tests.long.bench exchange``.
 
 
 PATH: Final = Path(__file__).with_name("measured.toml")

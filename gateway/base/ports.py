@@ -9,7 +9,7 @@ import socket
 from contextlib import suppress
 from pathlib import Path
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 
 _SHOWN = 120
 """Characters of a command line."""

@@ -13,10 +13,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pdgw.durations import SECOND
-from pdgw.errors import PdgwError
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.trace.place import prepared, run_directories, run_directory
+from pdgw.base.durations import SECOND
+from pdgw.base.errors import PdgwError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.run_directory import prepared, run_directories, run_directory
 
 if TYPE_CHECKING:  # the command line reads the last words without a loop
     from pdgw.ds301.loop.loop import Loop

@@ -9,15 +9,16 @@ import logging
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.log_budget import LogBudget
+from pdgw.gateway.base.platform import Platform
+from pdgw.gateway.base.run_directory import prepared, run_directory
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.daemon import Daemon, Service
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.log_budget import LogBudget
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.parameters.acyclic import record_service
-from pdgw.gateway.platform import Platform
 from pdgw.gateway.service.operating_system import ServiceManager
+from pdgw.gateway.service.running import Service
 from pdgw.gateway.service.status import StatusServer
-from pdgw.gateway.trace.place import prepared, run_directory
 from pdgw.gateway.trace.recorder import FlightRecorder
 
 if TYPE_CHECKING:

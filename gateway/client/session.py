@@ -13,23 +13,16 @@ from pdgw.dsp402.identification.overlay import all_families, entries_of, familie
 from pdgw.dsp402.objects import DRIVE_OBJECTS, STATUSWORD, known_objects
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.objects import MODULE_IDENTIFICATION, PROFILE
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.client.address import Target, parse_target, parse_value
+from pdgw.gateway.client.udp import ParameterClient
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECT_PNUS, PARAMETERS
-from pdgw.profidrive.parameters.codec import (
-    MAX_ELEMENTS,
-    MAX_PARAMETERS,
-    Attribute,
-    ParameterAddress,
-    ParameterErrorNumber,
-    Values,
-    error_text,
-)
+from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.description import NAME_LENGTH, Description, Pnu
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber, error_text
 from pdgw.profidrive.signals import SIGNALS
-from pdgw.tools.client.address import Target, parse_target, parse_value
-from pdgw.tools.client.udp import ParameterClient
 
 _ENCODER_OBJECTS = {row.index: row for row in PROFILE}
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING}

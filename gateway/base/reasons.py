@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
-from pdgw.durations import SECOND
 
 
 class AxisState(enum.Enum):

@@ -11,8 +11,8 @@ import re
 from typing import Final
 from weakref import ref
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import Loop, Timer
-from pdgw.durations import SECOND
 
 log = logging.getLogger("gateway")
 

@@ -13,9 +13,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 from pdgw import __version__
+from pdgw.base.durations import MS, SECOND
+from pdgw.base.errors import PdgwError
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SYNC
@@ -24,44 +26,36 @@ from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValues
-from pdgw.durations import MS, SECOND
-from pdgw.errors import PdgwError
+from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.platform import Platform, SystemPlatform
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.store import DeviceParameters, ParameterStore
+from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
-from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.events import EventLog
+from pdgw.gateway.daemon.masters import LISTEN_NS, watch_for_masters, watch_for_writes
+from pdgw.gateway.daemon.sync import SyncProducer
 from pdgw.gateway.links.cyclic import IDLE_NS
 from pdgw.gateway.links.link import Link, UdpLink
-from pdgw.gateway.masters import LISTEN_NS, watch_for_masters, watch_for_writes
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.enable_chain import axis_enable_status, encoder_enable_status
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.parameters.objects import relies_on
-from pdgw.gateway.platform import Platform, SystemPlatform
-from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.cycle_times import CycleWatch
-from pdgw.gateway.store import DeviceParameters, ParameterStore
-from pdgw.gateway.sync import SyncProducer
+from pdgw.gateway.service.events import EventLog
+from pdgw.gateway.service.running import Recording, Service
 from pdgw.profidrive.telegrams import telegram
 
 if TYPE_CHECKING:
     from pdgw.gateway.links.profinet.ethernet import EthernetPort
-    from pdgw.gateway.trace.recorder import FlightRecorder
 
 log = logging.getLogger("gateway")
 
 _SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
 """Number of consecutive cycles without power in any drive before the nodes are stopped."""
-
-
-class Service(Protocol):
-    """Something that runs on the loop beside the cyclic exchange."""
-
-    def start(self) -> None: ...
-
-    def stop(self) -> None: ...
 
 
 class Daemon:
@@ -85,7 +79,7 @@ class Daemon:
         self.services: list[Service] = []
         self.watch = CycleWatch()
         """Called at the end of every cycle."""
-        self.recorder: FlightRecorder | None = None
+        self.recorder: Recording | None = None
         self.file: tuple[str, float] | None = None
         """The file of the configuration, and its time of modification when it was read."""
         self.started_ns = self.loop.now()
@@ -130,6 +124,10 @@ class Daemon:
                 count = len(self.objects)
                 self._answer: tuple[list[Sequence[int]], list[bool]] = [()] * count, [False] * count
                 """For each drive object after its last step: actual values, and whether they are good."""
+                for axis in self.axes:
+                    axis.check_chain = partial(axis_enable_status, axis)
+                for encoder in self.encoders:
+                    encoder.check_chain = partial(encoder_enable_status, encoder)
                 by_do = {item.do_id: item for item in self.encoders}
                 for axis in self.axes:
                     for place, source in enumerate((axis.config.g1, axis.config.g2)):

@@ -9,17 +9,18 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from pdgw.base.validation import problems
 from pdgw.ds301.communication import PREDEFINED_ERROR_FIELD
 from pdgw.ds301.objects import COMMUNICATION_AREA
 from pdgw.dsp402.objects import ABORT_OPTION, DRIVE_OBJECTS
-from pdgw.explain import problems
+from pdgw.gateway.base.errors import GatewayError, at_most, writing
+from pdgw.gateway.client.address import Target, parse_type, parse_value
+from pdgw.gateway.client.session import NOT_THERE, Element, Progress, Session, address_text
 from pdgw.gateway.configuration.toml_file import read_text
-from pdgw.gateway.errors import GatewayError, at_most, writing
 from pdgw.profidrive.parameters.catalogue import OBJECT_PNUS
-from pdgw.profidrive.parameters.codec import ParameterErrorNumber, Values
+from pdgw.profidrive.parameters.codec import Values
 from pdgw.profidrive.parameters.description import Pnu
-from pdgw.tools.client.address import Target, parse_type, parse_value
-from pdgw.tools.client.session import NOT_THERE, Element, Progress, Session, address_text
+from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber
 
 FORMAT_VERSION = 1
 _COMMANDS = {

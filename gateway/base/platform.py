@@ -14,8 +14,23 @@ import can
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.port import CanPort, open_port
 from pdgw.ds301.loop.loop import Loop, SystemLoop
-from pdgw.gateway.configuration.environment import CanConfig
-from pdgw.gateway.links.udp import Address, UdpSocket
+from pdgw.gateway.base.udp import Address, UdpSocket
+
+
+class CanInterface(Protocol):
+    """What a [can] table says about its interface."""
+
+    @property
+    def interface(self) -> str: ...
+
+    @property
+    def channel(self) -> int | str | None: ...
+
+    @property
+    def bitrate(self) -> int | None: ...
+
+    @property
+    def extra(self) -> dict[str, object]: ...
 
 
 class DatagramPort(Protocol):
@@ -61,7 +76,7 @@ class Platform(Protocol):
     def loop(self) -> Loop:
         """Everything of the gateway runs on it."""
 
-    def open_can(self, config: CanConfig) -> CanPort:
+    def open_can(self, config: CanInterface) -> CanPort:
         """A CAN interface; CanopenError if it cannot be opened."""
 
     def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:
@@ -71,7 +86,7 @@ class Platform(Protocol):
         """A random number of 32 bits, another one with each start of a gateway."""
 
 
-def open_configured_bus(config: CanConfig) -> can.BusABC:
+def open_configured_bus(config: CanInterface) -> can.BusABC:
     """The python-can bus of a [can] table; CanopenError if it cannot be opened."""
     return open_bus(config.interface, config.channel, config.bitrate, **config.extra)
 
@@ -84,7 +99,7 @@ class SystemPlatform:
     def __init__(self) -> None:
         self.loop = SystemLoop()
 
-    def open_can(self, config: CanConfig) -> CanPort:
+    def open_can(self, config: CanInterface) -> CanPort:
         return open_port(self.loop, open_configured_bus(config))
 
     def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:

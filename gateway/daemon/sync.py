@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from pdgw.base.durations import MS, US
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.durations import MS, US
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.motion.dsc_setpoint import KPC_PER_UNIT, DscForm
 from pdgw.gateway.objects.axis import Axis

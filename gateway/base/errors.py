@@ -1,11 +1,17 @@
-"""The error root of this package, and the format versions of its files."""
+"""The error root of this package, and the format versions of its files.
+
+Format versions of the files that the gateway writes and reads again: configuration, parameter store, dump, recording.
+
+A version rises when an older gateway would read the file wrongly or not at all. Every gateway reads the files of all
+releases from 0.9.0 on (tests/formats). A file of a newer version is rejected and stays as it is: a downgrade loses nothing.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from pdgw.errors import PdgwError
+from pdgw.base.errors import PdgwError
 
 
 class GatewayError(PdgwError):
@@ -19,12 +25,6 @@ def writing(what: object) -> Iterator[None]:
         yield
     except OSError as error:
         raise GatewayError(f"{what}: cannot be written ({error.strerror or error})") from error
-
-
-# Format versions of the files that the gateway writes and reads again: configuration, parameter store, dump, recording.
-#
-# A version rises when an older gateway would read the file wrongly or not at all. Every gateway reads the files of all
-# releases from 0.9.0 on (tests/formats). A file of a newer version is rejected and stays as it is: a downgrade loses nothing.
 
 
 def problem(version: int, newest: int) -> str:

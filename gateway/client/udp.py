@@ -17,7 +17,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Final, Protocol, Self, TypeVar
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import (
     ZERO,

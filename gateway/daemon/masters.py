@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from pdgw.base.durations import MS
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.durations import MS
 
 LISTEN_NS = 250 * MS
 """Listening time before the first frame is sent: longer than the usual heartbeat of 100 ms."""

@@ -1,0 +1,69 @@
+"""The mode of operation of a drive: written to 6060h and checked in 6061h, which some drives show in operation only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from pdgw.base.durations import MS, SECOND
+from pdgw.ds301.configuration import SdoStep
+from pdgw.ds301.node.configuring import ConfiguringAccess
+from pdgw.ds301.objects import CanType
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive_type import Dsp402Error
+from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
+from pdgw.dsp402.objects import MODE, MODE_DISPLAY
+from pdgw.dsp402.states import State, state_of
+
+_SPEED_MODES: Final = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+_NO_MODE: Final = 0
+
+
+class ModeCheck:
+    """Checks the mode of one drive. ``notify`` is called with kind and text of an event of the node."""
+
+    def __init__(self, sdo: ConfiguringAccess, feedback: DriveFeedback, notify: Callable[[str, str], None]) -> None:
+        self._sdo = sdo
+        self._feedback = feedback
+        self._notify = notify
+        self.awaited: int | None = None
+        """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
+        self.wrong = ""
+        """Empty, or how 6061h shows another mode in operation: the drive counts as lost."""
+        self._operating_since = -1
+
+    def set(self, mode: int, *, late: bool) -> None:
+        """Write a mode and wait until 6061h shows it; Dsp402Error if it does not.
+
+        A speed mode may be shown later, in operation: the drive is known for it (``late``), or shows no mode at all.
+        """
+        sdo = self._sdo
+        self.awaited, self.wrong, self._operating_since = None, "", -1
+        sdo.do(SdoStep(*MODE, CanType.I8, mode, "mode of operation"))
+        deadline = sdo.loop.now() + MODE_CONFIRM_NS
+        while (shown := sdo.require(*MODE_DISPLAY, signed=True)) != mode:
+            if mode in _SPEED_MODES and (late or (shown == _NO_MODE and sdo.loop.now() > deadline)):
+                self.awaited = mode
+                self._notify(
+                    "status", f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled"
+                )
+                return
+            if sdo.loop.now() > deadline:
+                raise Dsp402Error("6061h", shown, f"{mode} within {MODE_CONFIRM_NS / SECOND:g} s of 6060h")
+            sdo.loop.sleep(10 * MS)
+
+    def check(self, now: int) -> None:
+        """In operation 6061h must show the mode that is awaited."""
+        mode = self.awaited
+        if mode is None:
+            return
+        if state_of(self._feedback.statusword) is not State.OPERATION_ENABLED:
+            self._operating_since = -1
+            return
+        if self._operating_since < 0:
+            self._operating_since = now
+        shown = self._sdo.read_number(*MODE_DISPLAY, signed=True)
+        if shown == mode:
+            self.awaited = None
+        elif now - self._operating_since > MODE_CONFIRM_NS:
+            self.wrong = f"6061h shows {shown} for {MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"

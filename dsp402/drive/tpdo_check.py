@@ -1,0 +1,110 @@
+"""Find an object that a drive accepts in a TPDO's mapping but does not send: its place in the TPDO never changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+from pdgw.base.durations import SECOND
+from pdgw.ds301.aborts import SdoAbortedError
+from pdgw.ds301.node.node import TpdoSlot
+from pdgw.ds301.node.planner import DeviceMapping
+from pdgw.ds301.node.sdo import SdoAccess
+from pdgw.ds301.objects import Entry
+
+_PERIOD_NS: Final = SECOND
+"""So often is a place that has not changed compared with its object."""
+_MOTION: Final = frozenset({"position_actual", "velocity_actual"})
+"""Image attributes of what changes as soon as a drive moves."""
+CONTRADICTIONS: Final = 3
+"""Number of consecutive readings with another value than a later frame shows."""
+
+
+@dataclass(slots=True, eq=False)
+class Place:
+    """An object in a TPDO, and the bytes ``begin`` to ``end`` in which it is sent."""
+
+    slot: TpdoSlot
+    entry: Entry
+    begin: int
+    end: int
+    contradicted_ns: int = 0
+    """When the object was read with another value; 0: it had the same at the last reading."""
+    contradictions: int = 0
+
+    @property
+    def confirmed(self) -> bool:
+        """It has changed since the bring-up."""
+        return self.slot.changed >> 8 * self.begin & (1 << 8 * (self.end - self.begin)) - 1 != 0
+
+    @property
+    def shown(self) -> bytes:
+        """The value in the newest frame; empty before the first."""
+        return (self.slot.data or b"")[self.begin : self.end]
+
+    def compare(self, held: bytes, now: int) -> bool:
+        """Compare with the object's value, read at ``now``; True when it is never sent.
+
+        A reading counts when a later frame still shows the old value: frames may be late or lost.
+        """
+        if held == self.shown or not self.shown:
+            self.contradicted_ns = self.contradictions = 0
+            return False
+        if self.contradicted_ns and self.slot.time > self.contradicted_ns:
+            self.contradictions += 1
+        self.contradicted_ns = now
+        return self.contradictions >= CONTRADICTIONS
+
+
+class TpdoCheck:
+    """Of one drive. An object that is found is dropped from the ``mapping``."""
+
+    def __init__(self, sdo: SdoAccess, mapping: DeviceMapping) -> None:
+        self._sdo = sdo
+        self._mapping = mapping
+        self._places: list[Place] = []
+        self._due = 0
+        self.dropped = ""
+        """Empty, or the object that the drive does not send: the drive counts as lost and is mapped without it."""
+
+    def begin(self, slots: Iterable[TpdoSlot]) -> None:
+        """Another mapping: nothing of it has been compared yet."""
+        self._places = []
+        for slot in slots:
+            begin = 0
+            for entry in slot.pdo.entries:
+                end = begin + entry.type.bits // 8
+                if entry.attribute in _MOTION:
+                    self._places.append(Place(slot, entry, begin, end))
+                begin = end
+        self._due = self._sdo.loop.now() + _PERIOD_NS
+        self.dropped = ""
+
+    def is_due(self, now: int) -> bool:
+        """Whether objects have to be read."""
+        return now >= self._due and bool(self._places)
+
+    def check(self, now: int, timeout_ns: int) -> None:
+        """Once a second; where a TPDO showed something else than its object, after its time-out.
+
+        A TPDO that is later than that is a lost drive.
+        """
+        if not self.is_due(now):
+            return
+        self._due = now + _PERIOD_NS
+        for place in tuple(self._places):
+            entry, held = place.entry, None
+            if not place.confirmed:
+                with suppress(SdoAbortedError):  # trusted: it cannot be read
+                    held = self._sdo.read(*entry.address)
+            if held is None or place.confirmed:
+                self._places.remove(place)
+            elif place.compare(held, self._sdo.loop.now()):
+                self._mapping.drop(entry.address)
+                shown, there = (int.from_bytes(data, "little") for data in (place.shown, held))
+                found = f"{place.slot.pdo} accepts {entry} but does not send it"
+                self.dropped = f"{found}: it shows {shown}, the object contains {there}"
+        if any(place.contradicted_ns for place in self._places):
+            self._due = now + timeout_ns
