@@ -8,6 +8,7 @@ from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.dsp402.drive.guarding import Guarding, GuardTimes, guard
+from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import ABORT_OPTION
 
 RPDO = 0x1400
@@ -15,9 +16,15 @@ QUICK_STOP = 3
 
 
 class Node:
-    """A drive that has ``indices`` and holds what was written; those of ``fixed`` can only be read."""
+    """A drive that has ``indices`` and holds what was written; those of ``fixed`` can only be read.
 
-    def __init__(self, *indices: int, fixed: dict[int, int] | None = None, beats_always: bool = False) -> None:
+    ``rounds``: it rounds times up to multiples of this, in milliseconds.
+    """
+
+    def __init__(
+        self, *indices: int, fixed: dict[int, int] | None = None, beats_always: bool = False, rounds: int = 1
+    ) -> None:
+        self.rounds = rounds
         self.fixed = fixed or {}
         self.indices = {*indices, *self.fixed}
         self.values: dict[int, int] = dict(self.fixed)
@@ -32,6 +39,10 @@ class Node:
         if step.index == RPDO:
             assert step.subindex == EVENT_TIMER
         self.values[step.index] = step.value
+        if step.index in {PRODUCER_HEARTBEAT, GUARD_TIME, RPDO}:
+            held = self.values[step.index] = -(-step.value // self.rounds) * self.rounds
+            if held != step.value:
+                raise Dsp402Error(step.meaning, held, f"{step.value} when read back")
 
     def read(self, index: int, _: int) -> int:
         if self.unreadable is not None:
@@ -88,6 +99,18 @@ def test_rpdo_timeout_is_the_last_choice_and_keeps_the_drives_heartbeat(life: tu
     assert (node.values[PRODUCER_HEARTBEAT], node.values[RPDO]) == (100, 150)
     assert not Node(ABORT_OPTION, RPDO).guarded().heartbeat
     assert not Node(PRODUCER_HEARTBEAT, ABORT_OPTION, RPDO).guarded(heartbeat_ms=0).heartbeat
+
+
+@pytest.mark.parametrize(
+    ("has", "text"),
+    [(LIFE, "life guarding (100Ch, 100Dh, 324 ms)"), ((RPDO,), "the timeout of its RPDO (1400h/5, 153 ms)")],
+)
+def test_a_drive_that_rounds_times_guards_with_the_time_that_it_holds(has: tuple[int, ...], text: str) -> None:
+    found = Node(PRODUCER_HEARTBEAT, ABORT_OPTION, *has, rounds=9).guarded()
+    assert (found.heartbeat, found.life_guarding, found.refusal) == (has != LIFE, has == LIFE, "")
+    assert found.text == f"{text}, then quick stop (6007h = 3)"
+    assert Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION, rounds=9).guarded().heartbeat
+    assert Node(ABORT_OPTION, *has, rounds=1000).guarded().refusal, "another time than the one asked for"
 
 
 def test_drive_without_guarding_is_rejected() -> None:
