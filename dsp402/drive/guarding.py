@@ -119,14 +119,16 @@ def _by_service(
         try:
             write_checked(step)
         except CanopenError as error:
-            if step.index in rounded and _holds_about(step, read):
+            if step.index in times_of and (time := _rounded(step, read)) is not None:
+                held[step.index] = time
                 return ""
             return f"{step.index:04X}h: {error.value}"
         except SdoAbortedError as error:
             return f"{step.index:04X}h: {abort_text(error.code)}"
         return ""
 
-    rounded = (PRODUCER_HEARTBEAT, GUARD_TIME, times.control_index)
+    times_of = (PRODUCER_HEARTBEAT, GUARD_TIME, times.control_index)
+    held: dict[int, int] = {}
     limit = times.heartbeat_ms * times.heartbeat_factor
     consumer, option, producer = guard_steps(times.gateway_node_id, limit, times.heartbeat_ms, times.reaction)
     no_consumer = try_write(consumer)
@@ -142,24 +144,25 @@ def _by_service(
         SdoStep(LIFE_TIME_FACTOR, 0, CanType.U8, times.heartbeat_factor, "life time factor"),
     )
     if silent and not any(map(try_write, life_steps)):
-        limit = read(GUARD_TIME, 0) * times.heartbeat_factor
+        limit = held.get(GUARD_TIME, times.heartbeat_ms) * times.heartbeat_factor
         return Guarding(f"life guarding (100Ch, 100Dh, {limit} ms), then {reaction}", no_reaction, life_guarding=True)
     beats = not no_producer and times.heartbeat_ms > 0 and not try_write(producer)
     time_out = _RPDO_REFRESHES * times.rpdo_refresh_ms
     timer = SdoStep(times.control_index, EVENT_TIMER, CanType.U16, time_out, "timeout of the RPDO with the Controlword")
     if not try_write(timer):
-        time_out = read(timer.index, timer.subindex)
+        time_out = held.get(timer.index, time_out)
         text = f"the timeout of its RPDO ({times.control_index:04X}h/5, {time_out} ms), then {reaction}"
         return Guarding(text, no_reaction, heartbeat=beats, rpdos=True)
     return Guarding("nothing", no_consumer, heartbeat=beats)
 
 
-def _holds_about(step: SdoStep, read: Callable[[int, int], int]) -> bool:
-    """Whether the device holds the time of a step, rounded by at most half of it."""
+def _rounded(step: SdoStep, read: Callable[[int, int], int]) -> int | None:
+    """The time that the device holds for a step, if it differs by at most half of it."""
     try:
-        return abs(read(step.index, step.subindex) - step.value) <= step.value // 2
+        found = read(step.index, step.subindex)
     except SdoAbortedError:
-        return False
+        return None
+    return found if abs(found - step.value) <= step.value // 2 else None
 
 
 def _by_sync(found: Guarding, times: GuardTimes, read: Callable[[int, int], int]) -> Guarding:

@@ -18,7 +18,7 @@ from pathlib import Path
 from pdgw.__main__ import run
 from pdgw.gateway.client import session
 from pdgw.gateway.configuration import file
-from pdgw.gateway.daemon.daemon import assembly
+from pdgw.gateway.daemon import assembly
 from pdgw.peers.plc import client
 from pdgw.peers.simulation import console
 from pdgw.tools.commands.commissioning import config
