@@ -1,7 +1,4 @@
-"""SDO abort codes with their texts, and the errors of this package.
-
-SDO abort codes: number and text, once. Source: CiA DS 301 V4.02 chapter 7.2.4.3.17.
-"""
+"""SDO abort codes with number and text, and the errors of this package. Source: CiA DS 301 V4.02 chapter 7.2.4.3.17."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """The object catalogue of CiA 402 drives, and the indices of objects that are used by name.
 
-Indices of CiA 402 objects that are used by name. Objects with a value in an image are found by its attribute. Source: CiA
-402-2. The object catalogue of CiA 402 drives, declared once.
+Objects with a value in an image are found by its attribute.
 
-Source: CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits come from the data sheet of a device
+Source: CiA 402-2, CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits come from the data sheet of a device
 (``dsp402.identification.describe``). A manufacturer's objects and special units are in the overlay of its family
 (``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and decoder use this table.
 

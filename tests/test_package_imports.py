@@ -152,7 +152,7 @@ BUDGET = {
     "gateway": 0,
     "gateway.base": 6725,
     "gateway.motion": 15054,
-    "gateway.axis": 42924,
+    "gateway.axis": 42903,
     "gateway.configuration": 10962,
     "gateway.objects": 14924,
     "gateway.links": 15098,

@@ -1,9 +1,7 @@
 """Options that commands share, and what they need of terminal and signals.
 
-Parse addresses typed by the user. Read single keys from a terminal, on POSIX and Windows, or characters from a pipe. Silence
-the log of simulations: their results show what happened. End a command in the foreground on signals. Options shared by `pdgw
-timeline` and `pdgw replay`. Options shared by the simulators.
-"""
+Addresses typed by the user, single keys from a terminal (POSIX and Windows) or characters from a pipe, the end of a command on
+signals. Simulations do not log, because their results show what happened."""
 
 from __future__ import annotations
 

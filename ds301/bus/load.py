@@ -1,16 +1,12 @@
-"""Load of a bus and worst-case response times of its frames.
+"""Load of a bus, from the worst-case frames of a configuration, and the latest time at which each frame is on the wire.
 
-The bus load planner: worst-case frames and bit times of a configuration.
-
-Source: CiA 301 / Bosch CAN 2.0A: a standard data frame has 47 + 8n bits; in the worst case a stuff bit follows every four
+Load. Source: CiA 301 / Bosch CAN 2.0A: a standard data frame has 47 + 8n bits; in the worst case a stuff bit follows every four
 of the 34 + 8n bits that are subject to stuffing. So 8 bytes take 111 to 135 bit times.
 
-Worst-case response times on a CAN bus: the latest time at which each planned frame is on the wire.
-
-Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised"
-(2007); Davis, Kollmann, Pollex, Slomka, "Controller Area Network (CAN) Schedulability Analysis with FIFO Queues" (2011).
-Every sender, the gateway's interface among them, counts as a FIFO queue: a frame waits for all frames of its sender, and
-the first of the queue competes with the bus. The bound holds for controllers that send by priority too. Frames take the
+Latest times. Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited
+and revised" (2007); Davis, Kollmann, Pollex, Slomka, "Controller Area Network (CAN) Schedulability Analysis with FIFO Queues"
+(2011). Every sender, the gateway's interface among them, counts as a FIFO queue: a frame waits for all frames of its sender,
+and the first of the queue competes with the bus. The bound holds for controllers that send by priority too. Frames take the
 most stuff bits. Not part of it: disturbed frames, EMCY, NMT commands, and unplanned traffic.
 """
 

@@ -1,8 +1,7 @@
-"""Jobs for the task of a node, and turns that limit how many tasks work at a time.
+"""Jobs for the task of a node, with futures as answers, and turns that limit how many tasks work at a time.
 
-Turns: a limited number of tasks at a time, in the order of their requests. Jobs for the task of a node, with futures as
-answers. A client of a node adds a call; the node's task runs the calls one after the other between its own work.
-"""
+A client of a node adds a call; the node's task runs the calls one after the other between its own work. Turns are given in the
+order of their requests."""
 
 from __future__ import annotations
 

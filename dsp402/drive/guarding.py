@@ -1,13 +1,8 @@
-"""Guarding in both directions, and the SDO writes that it requires.
+"""Guarding in both directions, and the SDO writes that it requires: the drive stops when the gateway dies, and the reverse.
 
-Required SDO writes of a drive besides its PDOs (``ds301.configuration``): the guarding. Source: docs/translation.md "Losses".
-
-Guarding in both directions: the drive stops when the gateway dies, and the gateway monitors the drive. The first available
-method is used.
-
-Source: CiA DS 301 V4.02 chapters 7.2.8.3 (node guarding, life guarding, heartbeat) and 7.5.2.35 (event timer of an RPDO),
-CiA 402 (6007h). A device that sends heartbeats answers no node guarding: with life guarding, 1017h is 0.
-"""
+The first available method is used. Source: docs/translation.md "Losses"; CiA DS 301 V4.02 chapters 7.2.8.3 (node guarding, life
+guarding, heartbeat) and 7.5.2.35 (event timer of an RPDO), CiA 402 (6007h). A device that sends heartbeats answers no node
+guarding: with life guarding, 1017h is 0."""
 
 from __future__ import annotations
 
@@ -119,7 +114,7 @@ def _by_service(
         try:
             write_checked(step)
         except CanopenError as error:
-            if step.index in times_of and (time := _rounded(step, read)) is not None:
+            if step.index in rounding and (time := _rounded(step, read)) is not None:
                 held[step.index] = time
                 return ""
             return f"{step.index:04X}h: {error.value}"
@@ -127,7 +122,7 @@ def _by_service(
             return f"{step.index:04X}h: {abort_text(error.code)}"
         return ""
 
-    times_of = (PRODUCER_HEARTBEAT, GUARD_TIME, times.control_index)
+    rounding = (PRODUCER_HEARTBEAT, GUARD_TIME, times.control_index)
     held: dict[int, int] = {}
     limit = times.heartbeat_ms * times.heartbeat_factor
     consumer, option, producer = guard_steps(times.gateway_node_id, limit, times.heartbeat_ms, times.reaction)

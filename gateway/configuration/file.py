@@ -1,8 +1,4 @@
-"""The configuration as a file, and its examples.
-
-The commented example of a configuration, and the one of a simulation. The configuration as a file: read, with errors that name
-line and key, and written again.
-"""
+"""The configuration as a file: read, with errors that name line and key, and written again. And its commented examples."""
 
 from __future__ import annotations
 

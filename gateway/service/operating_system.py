@@ -1,13 +1,10 @@
 """What the gateway uses of the operating system: real-time scheduling, the service manager.
 
-Real-time scheduling of the gateway's process, if the operating system grants it.
-
 The exchange runs with a real-time priority (SCHED_FIFO), unless the process was started with another policy. A refusal is
 logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available.
 
-Report to the service manager that the gateway is ready and alive: the protocol of sd_notify(3), a datagram for each line. The
-sign of life comes only from the cyclic loop: a loop that hangs is ended and started again.
-"""
+The service manager hears that the gateway is ready and alive: the protocol of sd_notify(3), a datagram for each line. The sign
+of life comes only from the cyclic loop: a loop that hangs is ended and started again."""
 
 from __future__ import annotations
 

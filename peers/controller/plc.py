@@ -1,8 +1,4 @@
-"""The IO controller on an Ethernet interface, and the PLC simulator with it.
-
-The IO controller on an Ethernet interface, with the machine's clock. The PLC simulator on PROFINET: scenarios and keyboard
-with real Ethernet frames.
-"""
+"""The IO controller on an Ethernet interface with the machine's clock, and the PLC simulator on it: scenarios and keyboard."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
-"""The simulated drive as a CANopen device: its objects, its family, its EDS.
+"""The ENGEL-like drive as a CANopen device: all objects with values and limits, identity, and its EDS.
 
-Facts of the simulated drive from the overlay of the ENGEL-like drive: modes, homing methods, fault numbers. The ENGEL-like
-drive as a CANopen device: all objects with values and limits, identity, and its EDS. Source: the manufacturer's guide chapters
-5-7. ``python -m pdgw.peers.drive.objects`` rewrites ``dsp402/eds/engel.eds``; a test fails when the file is out of date.
-"""
+Modes, homing methods and fault numbers are those of the family's overlay. Source: the manufacturer's guide chapters 5-7.
+``python -m pdgw.peers.drive.objects`` rewrites ``dsp402/eds/engel.eds``; a test fails when the file is out of date."""
 
 from __future__ import annotations
 

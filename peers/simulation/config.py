@@ -1,11 +1,9 @@
-"""Simulated devices from a file or from a gateway's configuration.
+"""Simulated devices of ``pdgw sim bus``: from a file, with their faults, or from a gateway's configuration.
 
-The file of ``pdgw sim bus``: several simulated devices on one bus, with their faults. TOML, validated by pydantic with the
-messages of the gateway's own configuration. ``example()`` is itself valid. Simulated devices on one bus, for `pdgw sim bus`.
-The faults and their parameters: docs/simulation.md. The simulated devices of a gateway's configuration: ``simulate = true`` in
-its [[axis]] and [[encoder]] tables. The gateway itself does not use them. The program that starts it also starts them, in a
-separate process or in a world.
-"""
+The file is TOML, validated by pydantic with the messages of the gateway's own configuration; ``example()`` is itself valid. The
+faults and their parameters: docs/simulation.md. In a gateway's configuration, ``simulate = true`` in [[axis]] and [[encoder]]
+selects the devices. The gateway itself does not use them: the program that starts it also starts them, in a separate process or
+in a world."""
 
 from __future__ import annotations
 

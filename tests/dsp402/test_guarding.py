@@ -16,7 +16,7 @@ QUICK_STOP = 3
 
 
 class Node:
-    """A drive that has ``indices`` and holds what was written; those of ``fixed`` can only be read.
+    """A drive with the objects ``indices``. It keeps each value that is written. The objects of ``fixed`` are read-only.
 
     ``rounds``: it rounds times up to multiples of this, in milliseconds.
     """

@@ -38,7 +38,7 @@ class ShownGateway(StatusPort):
         self.document: Document = {}
         self.histories: dict[int, list[Document]] = {}
         self.happened: dict[int | None, list[Document]] = {}
-        self.told: list[Document] = []
+        self.reported: list[Document] = []
         self.failure = ""
         self.asked = 0
 
@@ -48,12 +48,12 @@ class ShownGateway(StatusPort):
         self.happened = {item.do_id: explanation(daemon, [item]) for item in daemon.objects}
         self.happened[None] = explanation(daemon, daemon.objects)
         self.document = json.loads(json.dumps(snapshot(daemon)))
-        self.told = list(events_after(daemon, 0))
+        self.reported = list(events_after(daemon, 0))
 
     def add_event(self, do_id: int, text: str) -> None:
         """One more event."""
-        number = self.told[-1]["number"] + 1
-        self.told.append(self.told[-1] | {"number": number, "kind": "reason", "do_id": do_id, "text": text})
+        number = self.reported[-1]["number"] + 1
+        self.reported.append(self.reported[-1] | {"number": number, "kind": "reason", "do_id": do_id, "text": text})
         self.document["last_event"] = number
 
     def status(self) -> Document:
@@ -66,7 +66,7 @@ class ShownGateway(StatusPort):
         if self.failure:
             raise GatewayError(self.failure)
         known = number if number <= self.document["last_event"] else 0
-        return [event for event in self.told if event["number"] > known]
+        return [event for event in self.reported if event["number"] > known]
 
     def faults(self, do_id: int) -> list[Document]:
         if self.failure:

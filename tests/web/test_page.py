@@ -253,12 +253,12 @@ def test_a_stream_has_the_status_and_every_event_once(turning: Turning) -> None:
         assert kinds == {"event", "status"}
         turning.lose_drive()
         turning.gateway.show(turning.daemon)
-        told: list[str] = []
-        while not {"fault 101", "Not on the bus"} <= {text.partition(":")[0] for text in told}:
+        texts: list[str] = []
+        while not {"fault 101", "Not on the bus"} <= {text.partition(":")[0] for text in texts}:
             kind, _, data = next(messages)
-            told += [data["text"]] if kind == "event" else []  # type: ignore[index]
-    assert any(text.startswith("fault 101: node lost") for text in told)
-    assert len(told) == len(set(told))
+            texts += [data["text"]] if kind == "event" else []  # type: ignore[index]
+    assert any(text.startswith("fault 101: node lost") for text in texts)
+    assert len(texts) == len(set(texts))
 
 
 def test_run_between_two_answers_of_the_gateway_is_in_the_events() -> None:
@@ -280,8 +280,8 @@ def test_run_between_two_answers_of_the_gateway_is_in_the_events() -> None:
         gateway.show(daemon)
         look(watch)
         look(watch)
-    told = [f"{event.kind} {event.text.partition(':')[0]}" for event in watch.log.after(before)]
-    assert told == [
+    events = [f"{event.kind} {event.text.partition(':')[0]}" for event in watch.log.after(before)]
+    assert events == [
         "plc PLC connected (plc",
         "reason In operation",
         "reason Stopping",
@@ -310,8 +310,8 @@ def test_events_of_a_restarted_gateway_are_shown_once_whatever_its_clock(clock_s
         later.add("plc", None, "PLC connected")
         gateway.show(daemon)
         look(watch)
-    told = [(event.text, event.count) for event in watch.log.after(0)]
-    assert told[-2:] == [("gateway started, version 2", 1), ("PLC connected", 1)]
+    events = [(event.text, event.count) for event in watch.log.after(0)]
+    assert events[-2:] == [("gateway started, version 2", 1), ("PLC connected", 1)]
 
 
 def test_stream_continues_after_the_last_received_event(turning: Turning) -> None:

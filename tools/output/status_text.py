@@ -1,8 +1,6 @@
-"""The status of a gateway as text, and for monitoring systems.
+"""The status of a gateway as text: each cause, then one line for each drive object, folded to the terminal's width.
 
-``pdgw status --check``: one line and an exit code in the format of monitoring systems (Nagios, Icinga, Zabbix). The status of
-a gateway as text: each cause, then one line for each drive object, folded to the terminal's width.
-"""
+``pdgw status --check``: one line and an exit code in the format of monitoring systems (Nagios, Icinga, Zabbix)."""
 
 from __future__ import annotations
 

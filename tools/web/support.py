@@ -1,8 +1,4 @@
-"""The page's information about the gateway, its support file, and errors of a request.
-
-Errors of a request: answered with 400 or 404 and the name of the field. The page's information about the gateway itself, and
-the support file.
-"""
+"""The page's information about the gateway, its support file, and errors of a request: 400 or 404, with the field."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""The gateway as a PROFINET device: its identity, its name and address.
+"""The gateway as a PROFINET device: identity and model from the configuration, name and address.
 
-The gateway as a PROFINET device: identity and model from the configuration. Name and address of the PROFINET station: from
-DCP, of the interface, in the store, and in the log.
-"""
+Name and address come from DCP, and are kept in the store, at the interface and in the log."""
 
 from __future__ import annotations
 

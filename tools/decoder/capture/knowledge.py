@@ -1,8 +1,4 @@
-"""Facts for the decoder before a capture, from configuration, data sheets and user.
-
-A configuration as the decoder knows it. EDS and DCF files as entries for the decoder. Facts for the decoder before a capture:
-from the user, and from the start of the capture.
-"""
+"""What the decoder knows before a capture: from the user, a configuration, EDS and DCF files, and the start of the capture."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""Live sources, and times as the user gives them.
+"""Live sources, a network interface (raw socket, Linux) or a python-can bus, and times as the user gives them.
 
-Times as the user gives them. Live sources: a network interface (raw socket, Linux) or a python-can bus. They end when they are
-interrupted.
-"""
+A live source ends when it is interrupted."""
 
 from __future__ import annotations
 

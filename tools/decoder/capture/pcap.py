@@ -1,13 +1,11 @@
-"""Capture files in the formats pcap and pcapng: reading, writing, errors.
+"""Capture files in the formats pcap and pcapng, packet by packet, with the configuration in a pcapng file.
 
-The error of damaged captures. The configuration in a pcapng file. A binary stream read in blocks, with a window that is cut
-from the front: constant memory for files of any size. pcap and pcapng files, packet by packet.
+A stream is read in blocks, with a window that is cut from the front: constant memory for files of any size.
 
 Source: draft-ietf-opsawg-pcap, draft-ietf-opsawg-pcapng (section header, interface description, enhanced, simple and
 obsolete packet blocks; both byte orders; if_name, if_tsresol, if_tsoffset). Own readers, because they are the hot path of
 the decoder. Left out: decryption secrets, name resolution, statistics: skipped. A damaged file is a ``CaptureError`` with
-the offset.
-"""
+the offset."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""Sources of records: files, standard input, and the iteration for programs.
+"""Sources of records for programs: open a file or standard input, decode, iterate.
 
-A capture as the records in it, for programs: open, decode, iterate. Open a file or standard input; the content determines the
-format, else the name.
-"""
+The content determines the format, else the name."""
 
 from __future__ import annotations
 

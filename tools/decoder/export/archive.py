@@ -1,7 +1,7 @@
 """Captures as tables of Apache Arrow, Parquet files and data sets.
 
-Rows as a table of Apache Arrow, and as a Parquet file. Many captures as one Parquet data set, partitioned by file and axis, in
-any number of processes or on a cluster.     ROOT/file=<path, percent-encoded>/axis=<number, 0: of none>/part.parquet
+Many captures are one Parquet data set, partitioned by file and axis, in any number of processes or on a cluster:
+``ROOT/file=<path, percent-encoded>/axis=<number, 0: of none>/part.parquet``.
 
 ``write_part`` is the whole work on one file: it takes and gives plain picklable values and needs nothing but the file and
 the place to write to, so that a process pool, Dask or any other scheduler runs it. A part is complete or not there.

@@ -1,9 +1,7 @@
 """How a value is named, scaled and shown, and the dictionary for packets that wait for an answer.
 
-A dictionary that drops its oldest entries, for packets that wait for an answer. How a value is named, scaled and shown: one
-``Field`` for a telegram signal or a mapped object. Source: ``profidrive.signals`` and the object declarations of
-``ds301``/``dsp402``; nothing is declared twice here.
-"""
+One ``Field`` is for a telegram signal or a mapped object. Source: ``profidrive.signals`` and the object declarations of
+``ds301``/``dsp402``; nothing is declared twice here. The dictionary drops its oldest entries."""
 
 from __future__ import annotations
 

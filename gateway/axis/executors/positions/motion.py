@@ -203,15 +203,16 @@ class MotionExecutor(Executor):
     @property
     def stopped(self) -> bool:
         """The axis is at standstill, and the drive has ended its ramp."""
-        feedback = self.feedback
-        return self.inputs.standstill and (
-            feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0
-        )
+        return self.inputs.standstill and (self._shows_reached or self.feedback.velocity_actual == 0)
+
+    @property
+    def _shows_reached(self) -> bool:
+        """The drive shows "target reached"."""
+        return self.feedback.statusword & StatusBit.TARGET_REACHED != 0
 
     def _keeps_still(self) -> bool:
         """The drive does not work on the setpoint that Halt has stopped."""
-        reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
-        return self.stopped and (reached or self._stopped_by_halt is not _ENDED)
+        return self.stopped and (self._shows_reached or self._stopped_by_halt is not _ENDED)
 
     @property
     def _rests(self) -> bool:
@@ -220,8 +221,7 @@ class MotionExecutor(Executor):
         Without "target reached", a speed of 0 can be older than the start of the setpoint, or than Halt.
         """
         now = self.inputs.now
-        shown = self.feedback.statusword & StatusBit.TARGET_REACHED != 0 or self._effect.due(now)
-        return shown and self.stopped and self._taking.due(now)
+        return (self._shows_reached or self._effect.due(now)) and self.stopped and self._taking.due(now)
 
     def _stop_reached(self, request: PositionerRequest) -> bool:
         """An intermediate stop of a traversing task has ended, and is shown so. With setting up, "target reached" may be that of
@@ -286,7 +286,7 @@ class MotionExecutor(Executor):
         """Read "target reached"; ``executes``: the drive works on the newest setpoint. Returns bits of ``Seen``."""
         if not executes or not self._mode.shows_base():
             return 0
-        reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0 and not self._ends_short()
+        reached = self._shows_reached and not self._ends_short()
         bits = Seen.REACHED if reached else 0
         return bits | Seen.ANSWERED if self._arrival.read(reached, self.inputs.now) else bits
 
@@ -328,7 +328,7 @@ class MotionExecutor(Executor):
     def _rest(self) -> int:
         """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
         if not self._stays_halted() and self._rests:
-            if self._halted and self.feedback.statusword & StatusBit.TARGET_REACHED:
+            if self._halted and self._shows_reached:
                 self._stopped_by_halt = _ENDED
             return 0
         return self._halt()

@@ -1,6 +1,4 @@
-"""Names and types of objects, and the PDO layouts of a recording.
-
-Names and types of objects, and PDO layouts made of mappings.
+"""Names and types of objects, and PDO layouts made of the mappings of a recording.
 
 Source: CiA DS 301 V4.02 chapters 7.4.1 (data types) and 7.5.2.36 (PDO mapping). Objects come from an EDS/DCF (``Entry``
 lists) or from the catalogues of this project. Left out: MPDOs.
