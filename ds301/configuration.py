@@ -26,7 +26,10 @@ EVENT_DRIVEN = (EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE)
 
 @dataclass(frozen=True, slots=True)
 class SdoStep:
-    """One SDO write and its purpose. ``optional``: a device without the object works as well."""
+    """One SDO write and its purpose. ``optional``: a device without the object works as well.
+
+    ``time``: milliseconds, in the low 16 bits. A device may round them to the step of its timer: CiA 301 requires no resolution.
+    """
 
     index: int
     subindex: int
@@ -34,6 +37,7 @@ class SdoStep:
     value: int
     meaning: str
     optional: bool = False
+    time: bool = False
 
     def __post_init__(self) -> None:
         low, high = self.type.integer_range
@@ -44,6 +48,11 @@ class SdoStep:
     def data(self) -> bytes:
         """The bytes of the download."""
         return self.value.to_bytes(self.type.bits // 8, "little", signed=self.value < 0)
+
+    def is_held_by(self, found: int) -> bool:
+        """Whether a device with this value has what was written: the value, or a time that differs by at most half of it."""
+        rounded = self.time and found >> 16 == self.value >> 16
+        return abs(found - self.value) <= (self.value & 0xFFFF) // 2 * rounded
 
     @property
     def is_cob_id(self) -> bool:

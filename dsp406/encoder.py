@@ -169,7 +169,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
         if self._sheet.capabilities.common_timer and any(item.pace is Pace.TIMER for item in plan.tpdos):
             self.sdo.do(SdoStep(CYCLIC_TIMER, 0, CanType.U16, settings.tpdo_event_ms, "cyclic timer"))
         self.heartbeat.expected = settings.heartbeat_ms > 0
-        heartbeat = SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, settings.heartbeat_ms, "the encoder's heartbeat")
+        period, meaning = settings.heartbeat_ms, "the encoder's heartbeat"
+        heartbeat = SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, period, meaning, time=True)
         try:
             self.sdo.write_checked(heartbeat)
         except (Dsp406Error, SdoAbortedError) as error:

@@ -125,12 +125,14 @@ class ConfiguringAccess(SdoAccess):
         except SdoAbortedError:
             return False
 
-    def write_checked(self, step: SdoStep) -> None:
-        """Write and read back; the package's error when the node does not hold the value."""
+    def write_checked(self, step: SdoStep) -> int:
+        """Write and read back; what the node holds, a rounded time too. The package's error when that is another value."""
         self.do(step)
         found = self.read(step.index, step.subindex)[: len(step.data)]  # some devices send 32 bits for every number
-        if found != step.data:
+        held = int.from_bytes(found, "little", signed=step.value < 0)
+        if not step.is_held_by(held):
             raise self.error_type(step.meaning, found.hex(), f"{step.data.hex()} when read back")
+        return held
 
     def read_optional(self, index: int, subindex: int = 0) -> int:
         """A number; 0 for an object that the node does not have."""

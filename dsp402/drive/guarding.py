@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from pdgw.ds301.aborts import NOT_THERE, CanopenError, SdoAbortedError, abort_text
 from pdgw.ds301.communication import (
@@ -37,7 +38,7 @@ def interpolation_steps(period_us: int) -> list[SdoStep]:
 
 
 def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_option: int) -> list[SdoStep]:
-    """Heartbeat both ways and what the drive does when the gateway's stops; each is read back.
+    """Heartbeat both ways and what the drive does when the gateway's stops; each is read back, a time as the drive rounds it.
 
     Dsp402Error when a time does not fit into its object (65535 ms) or the node-ID is none.
     """
@@ -47,16 +48,17 @@ def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_
         raise Dsp402Error("heartbeat consumer time", f"{consumer_ms} ms", "0..65535 ms")
     try:
         return [
-            SdoStep(
+            _time(
                 CONSUMER_HEARTBEAT, 1, CanType.U32, gateway_node_id << 16 | consumer_ms, "the drive guards the gateway"
             ),
             SdoStep(ABORT_OPTION, 0, CanType.I16, abort_option, "reaction to a lost gateway"),
-            SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, producer_ms, "the drive's heartbeat"),
+            _time(PRODUCER_HEARTBEAT, 0, CanType.U16, producer_ms, "the drive's heartbeat"),
         ]
     except CanopenError as error:
         raise Dsp402Error(error.field, error.value, error.allowed) from error
 
 
+_time = partial(SdoStep, time=True)
 _REACTIONS = {0: "nothing", 1: "malfunction", 2: "disable voltage", 3: "quick stop"}
 """Values of 6007h."""
 _OWN_REACTION = "its own reaction, by default a malfunction (no 6007h)"
@@ -97,33 +99,30 @@ class Guarding:
     """The drive stops when the gateway's SYNC does not come any more."""
 
 
-def guard(times: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
-    """Have the drive guard the gateway; for the node's task. Raises what ``write_checked`` raises but for refusals."""
+def guard(times: GuardTimes, write_checked: Callable[[SdoStep], int], read: Callable[[int, int], int]) -> Guarding:
+    """Have the drive guard the gateway; for the node's task. Raises what ``write_checked`` raises but for refusals.
+
+    ``write_checked`` returns the value that the drive holds.
+    """
     return _by_sync(_by_service(times, write_checked, read), times, read)
 
 
 def _by_service(
-    times: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]
+    times: GuardTimes, write_checked: Callable[[SdoStep], int], read: Callable[[int, int], int]
 ) -> Guarding:
 
     def try_write(step: SdoStep) -> str:
-        """Write a value. The result is the object and why the drive rejects it, empty if it accepts it.
-
-        A device may round a time to the step of its timer.
-        """
+        """Write a value. The result is the object and why the drive rejects it, empty if it accepts it."""
         try:
-            write_checked(step)
+            held[step.index] = write_checked(step)
         except CanopenError as error:
-            if step.index in rounding and (time := _rounded(step, read)) is not None:
-                held[step.index] = time
-                return ""
             return f"{step.index:04X}h: {error.value}"
         except SdoAbortedError as error:
             return f"{step.index:04X}h: {abort_text(error.code)}"
         return ""
 
-    rounding = (PRODUCER_HEARTBEAT, GUARD_TIME, times.control_index)
     held: dict[int, int] = {}
+    """What the drive has taken, by index."""
     limit = times.heartbeat_ms * times.heartbeat_factor
     consumer, option, producer = guard_steps(times.gateway_node_id, limit, times.heartbeat_ms, times.reaction)
     no_consumer = try_write(consumer)
@@ -131,33 +130,24 @@ def _by_service(
     no_producer = try_write(producer)
     if not no_consumer:
         life = "" if not no_producer else "; the gateway monitors the node by its TPDOs only"
+        limit = held[CONSUMER_HEARTBEAT] & 0xFFFF
         text = f"the gateway's heartbeat (1016h, {limit} ms), then {reaction}{life}"
         return Guarding(text, no_reaction, heartbeat=not no_producer and times.heartbeat_ms > 0)
     silent = bool(no_producer) or not try_write(replace(producer, value=0))
     life_steps = (
-        SdoStep(GUARD_TIME, 0, CanType.U16, times.heartbeat_ms, "guard time"),
+        _time(GUARD_TIME, 0, CanType.U16, times.heartbeat_ms, "guard time"),
         SdoStep(LIFE_TIME_FACTOR, 0, CanType.U8, times.heartbeat_factor, "life time factor"),
     )
     if silent and not any(map(try_write, life_steps)):
-        limit = held.get(GUARD_TIME, times.heartbeat_ms) * times.heartbeat_factor
+        limit = held[GUARD_TIME] * times.heartbeat_factor
         return Guarding(f"life guarding (100Ch, 100Dh, {limit} ms), then {reaction}", no_reaction, life_guarding=True)
     beats = not no_producer and times.heartbeat_ms > 0 and not try_write(producer)
     time_out = _RPDO_REFRESHES * times.rpdo_refresh_ms
-    timer = SdoStep(times.control_index, EVENT_TIMER, CanType.U16, time_out, "timeout of the RPDO with the Controlword")
+    timer = _time(times.control_index, EVENT_TIMER, CanType.U16, time_out, "timeout of the RPDO with the Controlword")
     if not try_write(timer):
-        time_out = held.get(timer.index, time_out)
-        text = f"the timeout of its RPDO ({times.control_index:04X}h/5, {time_out} ms), then {reaction}"
+        text = f"the timeout of its RPDO ({times.control_index:04X}h/5, {held[timer.index]} ms), then {reaction}"
         return Guarding(text, no_reaction, heartbeat=beats, rpdos=True)
     return Guarding("nothing", no_consumer, heartbeat=beats)
-
-
-def _rounded(step: SdoStep, read: Callable[[int, int], int]) -> int | None:
-    """The time that the device holds for a step, if it differs by at most half of it."""
-    try:
-        found = read(step.index, step.subindex)
-    except SdoAbortedError:
-        return None
-    return found if abs(found - step.value) <= step.value // 2 else None
 
 
 def _by_sync(found: Guarding, times: GuardTimes, read: Callable[[int, int], int]) -> Guarding:

@@ -318,8 +318,9 @@ def _guarding(node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
         # The gateway would have written the period.
         return times.sync_period_us if index == SYNC_PERIOD else value
 
-    def pretend(step: SdoStep) -> None:
+    def pretend(step: SdoStep) -> int:
         number(step.index, step.subindex)
+        return step.value
 
     times = settings.guarding_of(drive, PdoDirection.RPDO.communication_index)
     found = guard(times, pretend, number)

@@ -236,10 +236,15 @@ class RoundedTimes(Behaviour):
     step_ms = 1
 
     def writing(self, entry: Entry, data: bytes) -> bytes:
-        if entry.unit != "ms" or not entry.type.char:
-            return data
-        time = int.from_bytes(data, "little")
-        return (-(-time // self.step_ms) * self.step_ms).to_bytes(len(data), "little")
+        time = (
+            data
+            if entry.unit == "ms"
+            else data[:2]
+            if (entry.index, entry.subindex) == (com.CONSUMER_HEARTBEAT, 1)
+            else b""
+        )
+        rounded = -(-int.from_bytes(time, "little") // self.step_ms) * self.step_ms
+        return rounded.to_bytes(len(time), "little") + data[len(time) :]
 
 
 class Setting(Behaviour):

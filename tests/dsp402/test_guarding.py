@@ -31,18 +31,17 @@ class Node:
         self.beats_always = beats_always
         self.unreadable: int | None = None
 
-    def write(self, step: SdoStep) -> None:
+    def write(self, step: SdoStep) -> int:
         if step.index not in self.indices:
             raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
         if step.index in self.fixed or (self.beats_always and step.index == PRODUCER_HEARTBEAT and not step.value):
             raise SdoAbortedError(Abort.READ_ONLY)
         if step.index == RPDO:
             assert step.subindex == EVENT_TIMER
-        self.values[step.index] = step.value
-        if step.index in {PRODUCER_HEARTBEAT, GUARD_TIME, RPDO}:
-            held = self.values[step.index] = -(-step.value // self.rounds) * self.rounds
-            if held != step.value:
-                raise Dsp402Error(step.meaning, held, f"{step.value} when read back")
+        held = self.values[step.index] = -(-step.value // self.rounds) * self.rounds if step.time else step.value
+        if not step.is_held_by(held):
+            raise Dsp402Error(step.meaning, held, f"{step.value} when read back")
+        return held
 
     def read(self, index: int, _: int) -> int:
         if self.unreadable is not None:

@@ -254,6 +254,18 @@ def test_an_encoder_without_heartbeat_is_watched_by_its_tpdos(plant: Plant) -> N
     assert client.generation == 1
 
 
+@pytest.mark.parametrize(("step_ms", "expected"), [(7, True), (1000, False)])
+def test_an_encoder_that_rounds_the_time_of_its_heartbeat_is_monitored_by_it(
+    plant: Plant, step_ms: int, expected: bool
+) -> None:
+    plant.encoder = site.encoder(NODE, habits={"times-rounded": {"step_ms": step_ms}})
+    plant.encoder.start()
+    client = plant.connect()
+    plant.online()
+    assert client.heartbeat.expected is expected
+    assert any("no heartbeat" in event.text for event in plant.events) is not expected
+
+
 def test_data_sheet_of_another_device_is_named(tmp_path: Path) -> None:
     with pytest.raises(Dsp406Error, match="6004h or 6020h"):
         load_eds(DRIVE_EDS, NODE)

@@ -166,7 +166,7 @@ def test_the_loss_of_sync_guards_nothing_where_it_is_not_known_to(
 
 @pytest.mark.parametrize("held", [0, 4000, 8000])
 def test_the_loss_of_sync_guards_where_the_drive_holds_the_period_that_was_written(held: int) -> None:
-    def refuses(step: SdoStep) -> None:
+    def refuses(step: SdoStep) -> int:
         raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
 
     wanted = GuardTimes(127, 100, 3, 100, 3, 0x1400, sync_loss_periods=3, sync_period_us=4000)
