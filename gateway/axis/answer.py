@@ -50,6 +50,11 @@ class Answer:
         self._shown = _ANSWER if shown else _NOTHING
         return shown
 
+    @property
+    def awaited(self) -> bool:
+        """A command is in force that no ``read`` or ``withdraw`` has ended."""
+        return self._since != 0
+
     def withdraw(self) -> None:
         """The command is not in force any more."""
         self._since, self._shown = 0, _NOTHING

@@ -50,8 +50,12 @@ velocity = 20000
 """
 _NEEDED_KEYS: Final = {"sync-counter": "sync = true\n"}
 """Keys of [[axis]] or [[encoder]] without which a habit has no effect."""
-NEEDED_OBJECTS: Final = {TRANSPARENT: {"current-missing", "inputs-missing", "identity-of-vendor-only"}}
-"""Habits without objects that a telegram is made of, or without the identity by which they are found."""
+NEEDED_OBJECTS: Final[dict[int | str, set[str]]] = {
+    TRANSPARENT: {"current-missing", "inputs-missing", "identity-of-vendor-only"},
+    "csv": {"supported-modes-missing"},
+}
+"""Habits without objects that a telegram is made of, without the identity by which they are found, or, of a drive variant,
+without what says that it has one of two modes with the same objects: it is refused by the name of the mode."""
 _PASSING_NS: Final = 2 * SECOND
 """A reason of a handshake with the drive ends within this time."""
 _PASSING: Final = frozenset(
@@ -90,14 +94,15 @@ def legal_habits(device: str) -> list[Habit]:
     return [habit for habit in HABITS.values() if device in habit.legal_for and not habit.warns]
 
 
-def draw_habits(chance: Random, number: int) -> dict[str, dict[str, int]]:
+def draw_habits(chance: Random, number: int, shape: str = "") -> dict[str, dict[str, int]]:
     """Draw a combination of legal habits, with parameters in their legal ranges."""
     device = "encoder" if number in ENCODER_TELEGRAM_NUMBERS else "drive"
     drawn = [habit for habit in legal_habits(device) if chance.random() < _SHARE]
+    needed = NEEDED_OBJECTS.get(number, set()) | NEEDED_OBJECTS.get(shape, set())
     return {
         habit.name: {key: chance.randint(*limits) for key, limits in habit.legal.items()}
         for habit in drawn
-        if habit.name not in NEEDED_OBJECTS.get(number, ())
+        if habit.name not in needed
     }
 
 
@@ -115,7 +120,7 @@ def draw_calm(chance: Random, _: int, telegrams: Sequence[int]) -> Plan:
     """Draw a part with one axis, or one encoder."""
     number, cycle_ms, direct = telegrams[0], chance.choice(CYCLES_MS), chance.random() < 0.5
     name = "" if number in ENCODER_TELEGRAM_NUMBERS else chance.choice(calm_shapes(number))
-    return calm_plan(number, cycle_ms, name, draw_habits(chance, number), direct=direct)
+    return calm_plan(number, cycle_ms, name, draw_habits(chance, number, name), direct=direct)
 
 
 class CalmRun(SoakRun):

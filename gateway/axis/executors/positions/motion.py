@@ -53,12 +53,13 @@ class _StoppedByHalt(enum.Enum):
     """The setpoint that Halt has stopped, until another one comes."""
 
     NONE = "none"
+    UNMOVED = "it has not moved the axis yet (the brake opens), so the drive may still execute it: Halt stays"
     STOPPED = "the drive may continue it when Halt falls"
     ENDED = 'Halt has fallen, at "target reached"'
     CONTINUED = "the drive turned again, or shows its target as not reached again (its brake opens): Halt stays"
 
 
-_NONE, _STOPPED, _ENDED, _CONTINUED = _StoppedByHalt
+_NONE, _UNMOVED, _STOPPED, _ENDED, _CONTINUED = _StoppedByHalt
 
 
 class MotionExecutor(Executor):
@@ -247,6 +248,8 @@ class MotionExecutor(Executor):
             bits |= Seen.STANDSTILL
         else:
             self._effect.withdraw()
+            if self._stopped_by_halt is _UNMOVED:
+                self._stopped_by_halt = _STOPPED
         if statusword & StatusBit.INTERNAL_LIMIT:
             bits |= Seen.INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
@@ -335,10 +338,11 @@ class MotionExecutor(Executor):
 
     def _halt(self) -> int:
         """Halt stops the setpoint."""
-        if not self._mode.halted:
-            self._effect.command(self.inputs.now)
+        effect, mode = self._effect, self._mode
         if self._stopped_by_halt is _NONE:
-            self._stopped_by_halt = _STOPPED
+            self._stopped_by_halt = _UNMOVED if effect.awaited and mode.shows_base() else _STOPPED
+        if not mode.halted:
+            effect.command(self.inputs.now)
         return HALT
 
     def _execute(self, before: State, reason: Reason | None) -> int:
@@ -417,7 +421,7 @@ class MotionExecutor(Executor):
             outputs.warn(FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}")
         if self._moved and positioner.course.warning is None:
             positioner.warn(Reason.MOVES_UNASKED)
-        return self._continued
+        return self._continued or self._stopped_by_halt is _UNMOVED
 
     def _released(self) -> bool:
         """Halt has stopped a setpoint and has fallen: a drive that continues gets the next setpoint or mode at once."""
