@@ -7,11 +7,11 @@ an acknowledge is an edge of this connection.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from pdgw.base.durations import MS
-from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
+from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, StatusBit
 from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import OFF1S, STATE_MASK, PowerWish
 from pdgw.gateway.axis.power_states import CONTROLWORDS, DRIVE_OF_STATE, Action, Drive, Phase
@@ -26,6 +26,10 @@ _DRIVE_OF_STATUS: Final = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STAT
 _ENABLING: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 _ABOVE_DISABLED: Final = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
 _BELOW_READY: Final = (Drive.NOT_READY, Drive.DISABLED)
+_WITHOUT_POWER: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY)
+_WITH_POWER: Final = (Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
+_WAITS: Final = (Phase.FOLLOW, Phase.INHIBITED)
+"""Phases in which an ON may wait for a drive in local mode."""
 _FELL: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
 _ACKNOWLEDGES: Final = (*LOCKS, Phase.UNCONFIRMED, Phase.COAST, Phase.FOLLOW)
 """Phases in which an acknowledge passes; a stop is not disturbed by it."""
@@ -105,10 +109,32 @@ class Request:
 
 
 @dataclass(slots=True, eq=False)
+class Remote:
+    """Statusword.9. Its 0 is local mode only where the drive has shown 1: some show it with power alone, some never."""
+
+    off: bool = False
+    """It was 1 without power,"""
+    powered: bool = False
+    """and with power."""
+
+    def read(self, seen: Drive, statusword: int) -> None:
+        """Take what one cycle shows."""
+        if statusword & StatusBit.REMOTE:
+            self.off |= seen in _WITHOUT_POWER
+            self.powered |= seen in _WITH_POWER
+
+    def is_local(self, seen: Drive, statusword: int) -> bool:
+        """Whether the drive takes no commands from the bus."""
+        return not statusword & StatusBit.REMOTE and (self.off if seen in _WITHOUT_POWER else self.powered)
+
+
+@dataclass(slots=True, eq=False)
 class Commanded:
     """The commands to the drive and what it showed: a Statusword counts as an answer only with the command before it."""
 
     latency: int
+    enter: int
+    """Within this time a drive enters operation."""
     enable: Answer
     """Operation Enabled, in answer to Enable Operation."""
     enabling: bool = False
@@ -117,15 +143,24 @@ class Commanded:
     """Until then, Operation Enabled may be the answer to an Enable Operation that was withdrawn; 0: it was answered."""
     shutdown_since: int = -1
     """Since when Shutdown is commanded to a drive without power; -1 while it is not."""
+    on_since: int = -1
+    """Since when a drive that may be in local mode does not follow Switch On; -1 while it does."""
+    remote: Remote = field(default_factory=Remote)
+    local: bool = False
+    """The drive is in local mode, or an ON that waited for its end may not start it."""
     standing_since: int = -1
     """Since when a quick stop is at standstill; -1 while it is not."""
     shown: Drive | None = None
     """The Statusword of the previous cycle, while the drive follows the PLC."""
 
-    def drive(self, seen: Drive, phase: Phase, standstill: bool, now: int) -> Drive:
+    def drive(self, seen: Drive, statusword: int, phase: Phase, standstill: bool, now: int) -> Drive:
         """The row of the power table for a Statusword."""
         shown = self.shown
+        self.remote.read(seen, statusword)
         drive = seen if shown is None or seen is shown else self._changed(seen, shown, phase, now)
+        self.local = phase in _WAITS and self._local(drive, statusword, now)
+        if self.local:
+            return Drive.INHIBITED
         if drive is _OPERATING:
             self.standing_since = -1
             if not self.enabling:
@@ -138,6 +173,16 @@ class Commanded:
         if phase is Phase.QUICK_STOP and drive is Drive.QUICK_STOPPING:
             return self._quick_stopping(standstill, now)
         return drive
+
+    def _local(self, drive: Drive, statusword: int, now: int) -> bool:
+        """Whether the drive is in local mode, or just leaves it: an ON that waited may not start it.
+
+        The first rise of Statusword.9 without power is an end of local mode too; with power, if Switch On has waited for longer
+        than a drive needs.
+        """
+        since = self.on_since
+        waited = since >= 0 and (drive is Drive.READY or (drive is _SWITCHED_ON and since <= now - self.enter))
+        return waited if statusword & StatusBit.REMOTE else drive in _WITHOUT_POWER and self.remote.off
 
     def _changed(self, drive: Drive, shown: Drive, phase: Phase, now: int) -> Drive:
         """The drive shows another state while it follows the PLC: by itself, or as the answer to a command?"""
@@ -177,6 +222,10 @@ class Commanded:
             self.shutdown_since = -1
         elif self.shutdown_since < 0:
             self.shutdown_since = now
+        if action is not Action.SWITCH_ON or seen is not Drive.READY or self.remote.off:
+            self.on_since = -1
+        elif self.on_since < 0:
+            self.on_since = now
         enabling = cell.controlword == _ENABLING or (action is Action.PASS and column is _ENABLE)
         if enabling is not self.enabling:
             if enabling:
@@ -205,7 +254,7 @@ class Interlock:
         self._steady = -1
         """Fast path: the state bits of the Statusword in operation as requested with nothing to report; else -1."""
         self._request = Request(_NO_PLC[settings.on_plc_loss], settings.ramp_stop_resume)
-        self._commanded = Commanded(settings.latency_ns, Answer(settings.latency_ns))
+        self._commanded = Commanded(settings.latency_ns, settings.enter_ns, Answer(settings.latency_ns))
 
     @property
     def operates(self) -> bool:
@@ -227,6 +276,11 @@ class Interlock:
         self._request.disarm()
         self._steady = -1
         self._commanded.shown = None
+        self._commanded.remote = Remote()
+
+    def is_local(self, statusword: int) -> bool:
+        """Whether the drive takes no commands from the bus: local mode."""
+        return self._commanded.remote.is_local(_DRIVE_OF_STATUS[statusword & STATE_MASK], statusword)
 
     def distrust(self, now: int) -> None:
         """Quick Stop replaced the last Controlword: stop until the drive shows that it is off, locked until an OFF."""
@@ -264,7 +318,7 @@ class Interlock:
             drive = condition
         else:
             seen = _DRIVE_OF_STATUS[status]
-            drive = commanded.drive(seen, phase, standstill, now)
+            drive = commanded.drive(seen, statusword, phase, standstill, now)
         column = request.step(wish, acknowledge, seen, phase)
         self.cell = cell = CELLS[(phase * DRIVES + drive) * WISHES + column]
         self.phase = cell.phase
@@ -274,7 +328,11 @@ class Interlock:
         commanded.done(cell, column, seen, phase, now)
         if request.connection is not _UNCONNECTED:
             self.plc_was_there = True
-        self.reason = Reason.NO_PLC if cell.reason is Reason.PLC_LOST and not self.plc_was_there else cell.reason
+        self.reason = cell.reason
+        if cell.reason is Reason.PLC_LOST and not self.plc_was_there:
+            self.reason = Reason.NO_PLC
+        elif cell.reason is Reason.INHIBITED and commanded.local:
+            self.reason = Reason.LOCAL_MODE
         # Operation continues: the next equal cycle has the same result.
         self._steady = status if cell.operating and column is _ENABLE and not acknowledge else -1
         resets = acknowledge and request.connection is _ARMED and cell.phase in _ACKNOWLEDGES

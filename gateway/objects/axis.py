@@ -89,8 +89,6 @@ class Axis(DriveObject):
         self._probing = False
         self.shows_supply = False
         """Statusword.4 is its supply: it was set without power. Many drives set it only with their power stage."""
-        self.shows_remote = False
-        """Statusword.9 was set: its 0 is local mode. Many drives never set it."""
         self._sound_until = 0
         """When it was not in fault last."""
 
@@ -176,12 +174,12 @@ class Axis(DriveObject):
 
     def _origin(self, now: int) -> Origin:
         """That of the stop of this step, if no fault of it is reported."""
-        cell = self.machine.interlock.cell
+        cell, reason = self.machine.interlock.cell, self.machine.interlock.reason
         if self.gateway_stops:
             return Origin(By.GATEWAY, Reason.GATEWAY_STOPS.value, now)
         if (fault := GATEWAY_FAULTS.get(cell.fault or 0)) is None:
-            order = ORDERS.get(cell.reason)
-            return Origin(By.PLC if order else By.DRIVE, order or (cell.reason or Reason.NEEDS_OFF).value, now)
+            order = ORDERS.get(reason)
+            return Origin(By.PLC if order else By.DRIVE, order or (reason or Reason.NEEDS_OFF).value, now)
         evidence = fault.name
         if fault.number == FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
             return Origin(By.PLC, finding.evidence, now, finding.remedy, fault.number, now, 1)
@@ -249,7 +247,6 @@ class Axis(DriveObject):
         shown = self.drive.feedback.statusword
         if outputs.good and shown & StatusBit.VOLTAGE_ENABLED and state_of(shown) not in POWERED:
             self.shows_supply = True
-        self.shows_remote |= outputs.good and shown & StatusBit.REMOTE != 0
         super()._serve(outputs)
 
     @property

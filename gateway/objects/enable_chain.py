@@ -270,9 +270,10 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.passes(Enable.SUPPLY)
     elif axis.shows_supply or commanded:
         chain.breaks(Reason.NO_SUPPLY)
-    if axis.shows_remote and not statusword & StatusBit.REMOTE:
+    if machine.interlock.is_local(statusword):
         own = axis.released and (machine.outputs.command.target_velocity or machine.executor.limit_side)
-        chain.breaks(Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE)
+        panel = Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE
+        chain.breaks(panel, "", f"{panel.remedy}; then OFF and ON" if reason is Reason.LOCAL_MODE else "")
     elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.INHIBITED, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:

@@ -21,8 +21,9 @@ ORDERS: Final[dict[Reason | None, str]] = {
     Reason.RAMP_STOP: "ON came before the end of the OFF1 ramp",
     Reason.QUICK_STOP: "the PLC has sent OFF3 (STW1.2 = 0)",
     Reason.COAST_STOP: "the PLC has sent OFF2 (STW1.1 = 0)",
+    Reason.LOCAL_MODE: "ON came while the drive was in local mode (Statusword.9 = 0)",
 }
-"""Stops that the PLC orders, by the reason in the power table."""
+"""Stops that the PLC orders, and an ON that came too early, by the reason of the interlock."""
 
 
 @dataclass(slots=True)

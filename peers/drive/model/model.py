@@ -66,6 +66,8 @@ class DriveModel(DriveImage):
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
         """Functions that falsify the image; called with the model's time after each of its updates."""
+        self._disguised = False
+        """The image is falsified: it shows the drive again after the next update without disguises."""
         self.latency = Latency()
         self.stop_ramp = True
         """The quick stop brakes. If not, the drive turns until the connection is lost, then its power is off."""
@@ -288,12 +290,16 @@ class DriveModel(DriveImage):
                 self._update()
         else:
             self._time = end
-            if self.disguises or self._late_status.next_change is not None:
+            if self._disguised or self.disguises or self._late_status.next_change is not None:
                 self._update()
 
     def next_change(self) -> int | None:
         """Time of the next possible change of the image without an input; None if the drive is at rest and unchanged."""
-        return self._late_status.next_change if self._resting and not self.disguises else self._time + MS
+        return (
+            self._late_status.next_change
+            if self._resting and not (self._disguised or self.disguises)
+            else self._time + MS
+        )
 
     def cruises(self, ticks: int) -> bool:
         """Whether after this number of ticks only the position will have changed."""
@@ -445,6 +451,7 @@ class DriveModel(DriveImage):
         self.statusword = self._late_status.show(status, self._time, self.latency.status_ms)
         for disguise in self.disguises:
             disguise(self, self._time)
+        self._disguised = bool(self.disguises)
 
 
 def _wrap32(value: int) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.base.durations import MS
-from pdgw.dsp402.states import STATUS_OF, ControlBit, State
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
 from pdgw.gateway.base.reasons import Reason
@@ -221,6 +221,63 @@ def test_end_of_sto_starts_nothing_while_on_is_kept(below: State, wait: int) -> 
         assert control.power.reason is Reason.NEEDS_OFF
     assert control.step(OFF, State.READY_TO_SWITCH_ON) == SHUTDOWN
     assert control.step(ON, State.READY_TO_SWITCH_ON) == SWITCH_ON
+
+
+REMOTE = StatusBit.REMOTE
+READY, SWITCHED_ON = STATUS_OF[State.READY_TO_SWITCH_ON], STATUS_OF[State.SWITCHED_ON]
+
+
+@pytest.mark.parametrize("wait", [0, 60_000 * MS])
+@pytest.mark.parametrize("after", [READY, STATUS_OF[State.SWITCH_ON_DISABLED]])
+def test_end_of_local_mode_starts_nothing_while_on_is_kept(after: int, wait: int) -> None:
+    control = Control()
+    control.step(OFF, READY | REMOTE)
+    control.step(OFF, READY)
+    for _ in range(3):
+        assert control.step(ON, READY) == SHUTDOWN, (
+            "a drive that has shown Statusword.9 = 1 without power is in local mode"
+        )
+        control.now += wait
+    control.step(ON, after | REMOTE)
+    for shown in (after, READY, READY, SWITCHED_ON):
+        assert control.step(ON, shown | REMOTE) in {SHUTDOWN, DISABLE_VOLTAGE}
+    assert control.power.reason is Reason.NEEDS_OFF
+    assert control.step(OFF, READY | REMOTE) == SHUTDOWN
+    assert control.step(ON, READY | REMOTE) == SWITCH_ON
+
+
+@pytest.mark.parametrize("wait", [0, 9_000 * MS, 60_000 * MS])
+def test_a_drive_that_never_shows_remote_starts_as_any(wait: int) -> None:
+    control = Control()
+    for _ in range(2):
+        control.step(OFF, READY)
+        assert control.step(ON, READY) == SWITCH_ON
+        control.now += wait
+        assert control.step(ON, SWITCHED_ON) == ENABLE
+
+
+def test_a_drive_that_shows_remote_with_power_alone_starts_as_any() -> None:
+    control = Control()
+    for _ in range(3):
+        control.step(OFF, READY)
+        assert control.step(ON, READY) == SWITCH_ON
+        control.now += 9_000 * MS
+        for shown in (SWITCHED_ON, STATUS_OF[LATE], STATUS_OF[LATE]):
+            assert control.step(ON, shown | REMOTE) == ENABLE
+        control.step(OFF2, STATUS_OF[LATE] | REMOTE)
+
+
+@pytest.mark.parametrize(("shown", "wait"), [(READY, 0), (READY, 60_000 * MS), (SWITCHED_ON, 10_000 * MS)])
+def test_local_mode_from_the_beginning_ends_without_a_start(shown: int, wait: int) -> None:
+    """SW.9 that rises in Ready to Switch On was local mode; in Switched On only if ON has waited longer than any drive needs."""
+    control = Control()
+    control.step(OFF, READY)
+    assert control.step(ON, READY) == SWITCH_ON
+    control.now += wait
+    for _ in range(2):
+        assert control.step(ON, shown | REMOTE) in {SHUTDOWN, DISABLE_VOLTAGE}
+    assert control.step(ON, READY | REMOTE) == DISABLE_VOLTAGE
+    assert control.power.reason is Reason.NEEDS_OFF
 
 
 def test_short_off_starts_a_drive_that_shows_ready_within_the_latency() -> None:

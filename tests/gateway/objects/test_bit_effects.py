@@ -16,7 +16,7 @@ from pdgw.profidrive.signals import signal
 from tests.support.documents.device_situations import MDI, POSITIONER
 from tests.support.documents.origin_situations import show_local
 from tests.support.documents.situations import clear_bits, in_operation, run_out
-from tests.support.gateways.daemon import OFF, ON, axis, drive_of
+from tests.support.gateways.daemon import OFF, ON, axis, drive_of, operating
 
 _SETPOINT = [row.bit for row in BIT_EFFECTS if Reason.SETPOINT_DISABLED in row.reasons]
 _ENABLES = [row.bit for row in BIT_EFFECTS if Reason.HELD_OFF in row.reasons]
@@ -148,6 +148,18 @@ def test_local_mode_is_a_fault_only_of_a_shaft_that_the_plc_does_not_turn(turns:
         model.disguises.clear()
         run_out(plc)
         assert daemon.axes[0].enable_status.broken is None
+
+
+def test_a_drive_that_shows_remote_with_power_alone_is_never_in_local_mode() -> None:
+    with operating(before=lambda daemon: drive_of(daemon).node.start_fault("no-remote-bit-when-off")) as (daemon, plc):
+        plc.endpoint.set(0, {"NSOLL_A": 0x4000})
+        run_out(plc)
+        for word in (0x047B, OFF, ON, 0x047D, OFF, ON):  # OFF3 and OFF2 of a turning axis
+            plc.endpoint.set(0, {"STW1": word})
+            for _ in range(150):
+                plc.exchange()
+                assert "(local mode)" not in daemon.axes[0].enable_status.sentence
+        assert daemon.axes[0].enable_status.state is AxisState.OBEYS
 
 
 def test_bits_that_give_a_reason_are_one_equation() -> None:

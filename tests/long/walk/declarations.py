@@ -76,6 +76,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     Commanded: {
         "INSTANTS": lambda item: {
             "late_until": 0,
+            "on_since": item.enter,
             "shutdown_since": item.latency,
             "standing_since": QUICK_STOP_STANDING_NS,
         },

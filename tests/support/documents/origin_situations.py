@@ -226,10 +226,18 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         says=(
             "Waits: the drive takes no commands from the bus: Statusword.9 = 0 (local mode)",
             "switch the drive to remote",
+            "then OFF and ON",
         ),
         lacks=("safe torque off",),
         health=Health.WARNING,
         cure=both(end_faults, good),
+    ),
+    "the drive is remote again while the PLC keeps ON": Situation(
+        begin=both(set_local, words((ON, {})), end_faults),
+        says=("Waits: ON ignored: ON came while the drive was in local mode (Statusword.9 = 0)", "OFF and ON"),
+        lacks=("safe torque off", "switch the drive"),
+        health=Health.WARNING,
+        cure=good,
     ),
     "Statusword.9 falls in operation, and returns": Situation(
         begin=show_local,
