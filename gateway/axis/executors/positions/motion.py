@@ -289,9 +289,15 @@ class MotionExecutor(Executor):
         """Read "target reached"; ``executes``: the drive works on the newest setpoint. Returns bits of ``Seen``."""
         if not executes or not self._mode.shows_base():
             return 0
-        reached = self._shows_reached and not self._ends_short()
+        reached = self._shows_reached and not self._waits_for_motion and not self._ends_short()
         bits = Seen.REACHED if reached else 0
         return bits | Seen.ANSWERED if self._arrival.read(reached, self.inputs.now) else bits
+
+    @property
+    def _waits_for_motion(self) -> bool:
+        """A relative setpoint, which no position tells, has not moved the axis yet: what the drive shows can be older than it."""
+        goal, effect = self.positioner.course.motion.goal, self._effect
+        return goal.distance is not None and effect.awaited and not effect.due(self.inputs.now)
 
     def _ends_short(self) -> bool:
         """The drive is at an end of its positions, and away from its target."""
