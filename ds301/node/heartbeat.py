@@ -44,6 +44,8 @@ class Heartbeat:
         self._toggle = -1
         self._shortest = 0
         """A report after less than this time is early, in nanoseconds; 0: none is."""
+        self._expected_gap = 0
+        """The same from the second report on: the first may have had another period before it."""
         self.in_row = 0
         """Number of the last reports that were early; from ``OFTEN`` on, of all reports."""
         self._states: deque[int] = deque(maxlen=_STATES)
@@ -59,8 +61,8 @@ class Heartbeat:
         self.state = NmtState.BOOT_UP.value
         self.stopped = False
         self._toggle = -1
-        self.in_row = 0
-        self._shortest = period_ms * MS * 6 // 10 if self.expected and not self.by_requests else 0
+        self.in_row = self._shortest = 0
+        self._expected_gap = period_ms * MS * 6 // 10 if self.expected and not self.by_requests else 0
 
     def commanded(self, data: bytes = b"", _now: int = 0) -> None:
         """An NMT command was sent: the node may show another state. ``data``: that of another master."""
@@ -80,6 +82,7 @@ class Heartbeat:
                 return False  # a repeated answer is not a new one
         self.gap = now - self._last if self._last else 0
         early = 0 < self.gap < self._shortest
+        self._shortest = self._expected_gap
         self.in_row = self.in_row + 1 if early or self.in_row >= OFTEN else 0
         self._doubles.early += early
         self.time, self._last = now, 0 if boots else now

@@ -184,6 +184,17 @@ def test_heartbeats_of_a_fast_clock_are_not_early(clock: float, jitter: float) -
     assert doubles.early == 0
 
 
+def test_the_first_heartbeat_after_a_start_is_not_early() -> None:
+    """The node has another period, and reports the change of its state at once."""
+    made, doubles = heartbeat()
+    for start in range(1, 5):
+        made.receive(OPERATIONAL, start * SECOND)
+        made.begin(PERIOD // MS)
+        made.receive(OPERATIONAL, start * SECOND + 20 * MS)
+        made.receive(OPERATIONAL, start * SECOND + 20 * MS + PERIOD)
+    assert doubles.early == 0
+
+
 def test_heartbeat_that_the_gateway_does_not_expect_is_never_early() -> None:
     made, doubles = heartbeat(expected=False)
     for count in range(1, 100):
