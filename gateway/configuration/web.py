@@ -49,11 +49,14 @@ def _is_address(text: str) -> str:
 def _is_host(text: str) -> str:
     try:
         text.encode("idna")  # as the MQTT client does, whose thread would end with the error
-        is_valid = 0 < len(text) <= 253
+        is_name = 0 < len(text) <= 253 and not set(":/@ ") & set(text)
     except UnicodeError:
-        is_valid = False
-    if not is_valid:
-        raise ValueError(f"{text!r} is not a host name or address")
+        is_name = False
+    if not is_name:
+        try:
+            ipaddress.ip_address(text)
+        except ValueError:
+            raise ValueError(f"{text!r} is not a host name or address without scheme and port") from None
     return text
 
 

@@ -312,7 +312,7 @@ def test_fault_of_before_the_start_says_that_its_time_is_not_its_own() -> None:
     with running(configuration(axis(1)), lambda daemon: drive_of(daemon).inject(7)) as daemon:
         until(daemon, lambda: daemon.axes[0].faults, "the fault")
         (fault,) = snapshot(daemon)["axes"][0]["faults"]
-        assert fault["text"] == "fault 7 over-current (older than the connection)"
+        assert fault["text"] == "over-current (older than the connection)"
         drive_of(daemon).clear()
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})

@@ -345,7 +345,7 @@ class DriveWatch:
         # 0 means an empty entry in P945
         code = read.code or (0 if named is None else named.error_code) or GENERIC_ERROR
         if named is not None:
-            text = f"fault {read.number} {named.name} ({self._unannounced})"
+            text = f"{named.name} ({self._unannounced})"
         elif read.code:
             text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, {self._unannounced})"
         else:
