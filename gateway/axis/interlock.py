@@ -7,7 +7,7 @@ an acknowledge is an edge of this connection.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from pdgw.base.durations import MS
@@ -27,7 +27,7 @@ _ENABLING: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 _ABOVE_DISABLED: Final = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
 _BELOW_READY: Final = (Drive.NOT_READY, Drive.DISABLED)
 _WITHOUT_POWER: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY)
-_WITH_POWER: Final = (Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
+_UP_TO_SWITCHED_ON: Final = (*_WITHOUT_POWER, Drive.SWITCHED_ON)
 _WAITS: Final = (Phase.FOLLOW, Phase.INHIBITED)
 """Phases in which an ON may wait for a drive in local mode."""
 _FELL: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
@@ -110,22 +110,29 @@ class Request:
 
 @dataclass(slots=True, eq=False)
 class Remote:
-    """Statusword.9. Its 0 is local mode only where the drive has shown 1: some show it with power alone, some never."""
+    """Statusword.9. Its 0 is local mode only in a state in which the drive has shown 1: some show it with power alone."""
 
-    off: bool = False
-    """It was 1 without power,"""
-    powered: bool = False
-    """and with power."""
+    latency: int
+    """The bit can be ahead of a state without power for this time."""
+    known: int = 0
+    """States in which it was 1, a bit each."""
+    state: Drive | None = None
+    """The last one in which it was 1 without power; None: it is 0."""
+    since: int = 0
+    """Since when."""
 
-    def read(self, seen: Drive, statusword: int) -> None:
+    def read(self, seen: Drive, statusword: int, now: int) -> None:
         """Take what one cycle shows."""
-        if statusword & StatusBit.REMOTE:
-            self.off |= seen in _WITHOUT_POWER
-            self.powered |= seen in _WITH_POWER
+        if not statusword & StatusBit.REMOTE:
+            self.state = None
+        elif seen in _WITHOUT_POWER and seen is not self.state:
+            self.state, self.since = seen, now
+        elif seen not in _WITHOUT_POWER or now - self.since >= self.latency:
+            self.known |= 1 << seen
 
     def is_local(self, seen: Drive, statusword: int) -> bool:
         """Whether the drive takes no commands from the bus."""
-        return not statusword & StatusBit.REMOTE and (self.off if seen in _WITHOUT_POWER else self.powered)
+        return not statusword & StatusBit.REMOTE and self.known >> seen & 1 != 0
 
 
 @dataclass(slots=True, eq=False)
@@ -133,6 +140,7 @@ class Commanded:
     """The commands to the drive and what it showed: a Statusword counts as an answer only with the command before it."""
 
     latency: int
+    remote: Remote
     enter: int
     """Within this time a drive enters operation."""
     enable: Answer
@@ -145,7 +153,6 @@ class Commanded:
     """Since when Shutdown is commanded to a drive without power; -1 while it is not."""
     on_since: int = -1
     """Since when a drive that may be in local mode does not follow Switch On; -1 while it does."""
-    remote: Remote = field(default_factory=Remote)
     local: bool = False
     """The drive is in local mode, or an ON that waited for its end may not start it."""
     standing_since: int = -1
@@ -156,7 +163,7 @@ class Commanded:
     def drive(self, seen: Drive, statusword: int, phase: Phase, standstill: bool, now: int) -> Drive:
         """The row of the power table for a Statusword."""
         shown = self.shown
-        self.remote.read(seen, statusword)
+        self.remote.read(seen, statusword, now)
         drive = seen if shown is None or seen is shown else self._changed(seen, shown, phase, now)
         self.local = phase in _WAITS and self._local(drive, statusword, now)
         if self.local:
@@ -177,12 +184,11 @@ class Commanded:
     def _local(self, drive: Drive, statusword: int, now: int) -> bool:
         """Whether the drive is in local mode, or just leaves it: an ON that waited may not start it.
 
-        The first rise of Statusword.9 without power is an end of local mode too; with power, if Switch On has waited for longer
-        than a drive needs.
+        A Statusword.9 that rises when Switch On has waited for longer than a drive needs is an end of local mode too.
         """
-        since = self.on_since
-        waited = since >= 0 and (drive is Drive.READY or (drive is _SWITCHED_ON and since <= now - self.enter))
-        return waited if statusword & StatusBit.REMOTE else drive in _WITHOUT_POWER and self.remote.off
+        if statusword & StatusBit.REMOTE:
+            return 0 <= self.on_since <= now - self.enter and drive in _UP_TO_SWITCHED_ON
+        return drive in _WITHOUT_POWER and self.remote.is_local(drive, statusword)
 
     def _changed(self, drive: Drive, shown: Drive, phase: Phase, now: int) -> Drive:
         """The drive shows another state while it follows the PLC: by itself, or as the answer to a command?"""
@@ -222,7 +228,7 @@ class Commanded:
             self.shutdown_since = -1
         elif self.shutdown_since < 0:
             self.shutdown_since = now
-        if action is not Action.SWITCH_ON or seen is not Drive.READY or self.remote.off:
+        if action is not Action.SWITCH_ON or seen is not Drive.READY or self.remote.state is not None:
             self.on_since = -1
         elif self.on_since < 0:
             self.on_since = now
@@ -254,7 +260,9 @@ class Interlock:
         self._steady = -1
         """Fast path: the state bits of the Statusword in operation as requested with nothing to report; else -1."""
         self._request = Request(_NO_PLC[settings.on_plc_loss], settings.ramp_stop_resume)
-        self._commanded = Commanded(settings.latency_ns, settings.enter_ns, Answer(settings.latency_ns))
+        self._commanded = Commanded(
+            settings.latency_ns, Remote(settings.latency_ns), settings.enter_ns, Answer(settings.latency_ns)
+        )
 
     @property
     def operates(self) -> bool:
@@ -276,7 +284,7 @@ class Interlock:
         self._request.disarm()
         self._steady = -1
         self._commanded.shown = None
-        self._commanded.remote = Remote()
+        self._commanded.remote = Remote(self._commanded.latency)
 
     def is_local(self, statusword: int) -> bool:
         """Whether the drive takes no commands from the bus: local mode."""

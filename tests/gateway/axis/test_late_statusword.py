@@ -231,7 +231,9 @@ READY, SWITCHED_ON = STATUS_OF[State.READY_TO_SWITCH_ON], STATUS_OF[State.SWITCH
 @pytest.mark.parametrize("after", [READY, STATUS_OF[State.SWITCH_ON_DISABLED]])
 def test_end_of_local_mode_starts_nothing_while_on_is_kept(after: int, wait: int) -> None:
     control = Control()
-    control.step(OFF, READY | REMOTE)
+    for _ in range(2):
+        control.step(OFF, READY | REMOTE)
+        control.now += AxisSettings().latency_ns
     control.step(OFF, READY)
     for _ in range(3):
         assert control.step(ON, READY) == SHUTDOWN, (
@@ -262,14 +264,28 @@ def test_a_drive_that_shows_remote_with_power_alone_starts_as_any() -> None:
         control.step(OFF, READY)
         assert control.step(ON, READY) == SWITCH_ON
         control.now += 9_000 * MS
+        assert control.step(ON, READY | REMOTE) == SWITCH_ON, "the bit is shown before the state"
         for shown in (SWITCHED_ON, STATUS_OF[LATE], STATUS_OF[LATE]):
             assert control.step(ON, shown | REMOTE) == ENABLE
         control.step(OFF2, STATUS_OF[LATE] | REMOTE)
 
 
-@pytest.mark.parametrize(("shown", "wait"), [(READY, 0), (READY, 60_000 * MS), (SWITCHED_ON, 10_000 * MS)])
+def test_a_drive_that_shows_remote_only_from_ready_to_switch_on_starts_as_any() -> None:
+    control = Control()
+    for _ in range(3):
+        control.step(OFF2, STATUS_OF[State.SWITCH_ON_DISABLED])
+        for _ in range(3):
+            assert control.step(OFF, STATUS_OF[State.SWITCH_ON_DISABLED]) == SHUTDOWN
+        for _ in range(3):
+            control.now += AxisSettings().latency_ns
+            assert control.step(OFF, READY | REMOTE) == SHUTDOWN
+        assert control.step(ON, READY | REMOTE) == SWITCH_ON
+        assert control.step(ON, SWITCHED_ON | REMOTE) == ENABLE
+
+
+@pytest.mark.parametrize(("shown", "wait"), [(READY, 10_000 * MS), (READY, 60_000 * MS), (SWITCHED_ON, 10_000 * MS)])
 def test_local_mode_from_the_beginning_ends_without_a_start(shown: int, wait: int) -> None:
-    """SW.9 that rises in Ready to Switch On was local mode; in Switched On only if ON has waited longer than any drive needs."""
+    """SW.9 that rises when ON has waited longer than any drive needs was local mode."""
     control = Control()
     control.step(OFF, READY)
     assert control.step(ON, READY) == SWITCH_ON

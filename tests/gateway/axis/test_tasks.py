@@ -188,7 +188,8 @@ def test_reached_of_the_task_before_does_not_end_a_relative_task(hand: TaskHand)
     assert hand.actuals["ZSW1"] & ZSW1_REACHED, "such a short way may leave SW.10"
 
 
-def test_a_late_target_reached_does_not_end_a_relative_task_that_has_not_begun(hand: TaskHand) -> None:
+@pytest.mark.parametrize("speed", [FAST, 1])
+def test_a_late_target_reached_does_not_end_a_relative_task_that_has_not_begun(hand: TaskHand, speed: int) -> None:
     """The drive shows 0 and then 1 of the time before the task: its switching on, or the end of the task before."""
     for status in (OPERATING, OPERATING | TAKEN, OPERATING):
         hand.task(4096, status, relative=True)
@@ -196,7 +197,8 @@ def test_a_late_target_reached_does_not_end_a_relative_task_that_has_not_begun(h
         hand(ON | ACTIVATE, OPERATING | REACHED)
         assert not hand.actuals["ZSW1"] & ZSW1_REACHED
     hand(ON | ACTIVATE)
-    hand.feedback.velocity_actual = FAST
+    hand.feedback.velocity_actual = speed
+    hand.feedback.position_actual += 4096
     hand(ON | ACTIVATE)
     hand.feedback.velocity_actual = 0
     for _ in range(2):

@@ -246,7 +246,11 @@ def test_refusal_of_a_removed_key_has_the_values_of_the_file(old: str, new: str,
         ),
         ('host = "broker.plant"', 'host = ""', "host = '': '' is not a host name or address"),
         ('host = "broker.plant"', 'host = "a..b"', "host = 'a..b': 'a..b' is not a host name or address"),
-        ('host = "broker.plant"', 'host = "mqtt://b"', "'mqtt://b' is not a host name or address without scheme and port"),
+        (
+            'host = "broker.plant"',
+            'host = "mqtt://b"',
+            "'mqtt://b' is not a host name or address without scheme and port",
+        ),
         (
             'type = "udp"',
             'type = "profinet"\ninterface = "eth 1"',

@@ -33,7 +33,7 @@ from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionE
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Interlock
+from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Interlock, Remote
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
@@ -81,6 +81,8 @@ OF: Final[dict[type, dict[str, Any]]] = {
             "standing_since": QUICK_STOP_STANDING_NS,
         },
     },
+    # No drive of the walk is in local mode.
+    Remote: {"ASIDE": frozenset({"known", "state", "since"})},
     Repetitions: {"ASIDE": frozenset({"_reported", "_repeated"})},
     NodeWatch: {
         "ASIDE": frozenset(

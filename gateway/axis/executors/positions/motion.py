@@ -295,9 +295,10 @@ class MotionExecutor(Executor):
 
     @property
     def _waits_for_motion(self) -> bool:
-        """A relative setpoint, which no position tells, has not moved the axis yet: what the drive shows can be older than it."""
-        goal, effect = self.positioner.course.motion.goal, self._effect
-        return goal.distance is not None and effect.awaited and not effect.due(self.inputs.now)
+        """A relative setpoint has not moved the axis half of its way yet: what the drive shows can be older than it."""
+        course = self.positioner.course
+        distance = course.motion.goal.distance
+        return distance is not None and 2 * abs(course.way) > abs(distance) and not self._effect.due(self.inputs.now)
 
     def _ends_short(self) -> bool:
         """The drive is at an end of its positions, and away from its target."""
