@@ -206,8 +206,9 @@ class Course:
             self._limit.step(False, 0, now)
             return Reason.OVERRIDE_ZERO
         if not self._at_limit:
-            # At a fixed stop the axis is meant to stay at the torque limit.
-            moves = not self.waits and goal.torque is None and not self.arrived()
+            # At a fixed stop the axis is meant to stay at the torque limit. The drive alone knows the end of a relative task.
+            ended = goal.distance is not None and self.seen.bits & Seen.REACHED != 0
+            moves = not self.waits and goal.torque is None and not ended and not self.arrived()
             self._at_limit = self._limit.step(moves and self._is_at_limit(), self.seen.position, now)
         return Reason.TASK_AT_LIMIT if self._at_limit else None
 

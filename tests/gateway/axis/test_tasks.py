@@ -206,6 +206,23 @@ def test_a_late_target_reached_does_not_end_a_relative_task_that_has_not_begun(h
     assert hand.actuals["ZSW1"] & ZSW1_REACHED
 
 
+def test_a_limit_bit_at_standstill_does_not_stop_a_relative_task_that_ended_before_its_acknowledge(
+    hand: TaskHand,
+) -> None:
+    """The way is short and the acknowledge late: "target reached" is never 0 after it, so it counts after the latency."""
+    rests = OPERATING | REACHED | StatusBit.INTERNAL_LIMIT
+    hand.task(100, OPERATING, relative=True)
+    hand.feedback.velocity_actual = FAST
+    hand.task(100, OPERATING, relative=True)
+    hand.feedback.velocity_actual = 0
+    for status in (*(rests,) * 25, *(rests | TAKEN,) * 20):
+        hand.task(100, status, relative=True)
+    for _ in range(hand.latency + 1):
+        assert not hand(ON, rests) & HALT
+    assert hand.actuals["ZSW1"] & ZSW1_REACHED
+    assert not hand.stepper.numbers
+
+
 def test_a_task_that_waits_for_a_dropped_setpoint_is_given_after_the_time(hand: TaskHand) -> None:
     hand.task(4096, relative=True)
     hand(ON)
