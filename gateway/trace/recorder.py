@@ -101,6 +101,7 @@ class FlightRecorder:
         self._here, self._there = f"{daemon.address[0]}:{CYCLIC_PORT}", ""
         """The gateway and its PLC in the headers of recorded frames."""
         self._first = True
+        self._head = b""
         self._number = 0
         self._count = 0
         """Of the segments."""
@@ -222,6 +223,7 @@ class FlightRecorder:
         for step in self._steps:
             if step.machine not in known:
                 step.begin()
+        self._head = self._make_head()
         self._begin(daemon.loop.now())
 
     def _begin(self, now: int) -> None:
@@ -237,13 +239,16 @@ class FlightRecorder:
         self._began, self._size = now, 0
         if self._file >= 0:
             self._segments.append(path)
-            self._write(self._head(), 0)
-        self._first = False
+            self._write(self._head, 0)
+        if self._first:
+            self._first = False
+            self._head = self._make_head()
         while len(self._segments) > _SEGMENTS:
             with contextlib.suppress(OSError):
                 self._segments.pop(0).unlink()
 
-    def _head(self) -> bytes:
+    def _make_head(self) -> bytes:
+        """What each segment begins with. It takes longer than a cycle, so it is made when the layout is new."""
         daemon = self._daemon
         description = pcapng.Description(
             build=build_text(),
