@@ -53,9 +53,12 @@ _NEEDED_KEYS: Final = {"sync-counter": "sync = true\n"}
 NEEDED_OBJECTS: Final[dict[int | str, set[str]]] = {
     TRANSPARENT: {"current-missing", "inputs-missing", "identity-of-vendor-only"},
     "csv": {"supported-modes-missing"},
+    "engel": {"position-wraps"},
+    "synchronous": {"position-wraps"},
 }
-"""Habits without objects that a telegram is made of, without the identity by which they are found, or, of a drive variant,
-without what says that it has one of two modes with the same objects: it is refused by the name of the mode."""
+"""Habits without objects that a telegram is made of, or without the identity by which devices are found. By drive variant:
+without what says that it has one of two modes with the same objects (it is refused by the name of the mode), and against its
+overlay (``range_is_limit``)."""
 _PASSING_NS: Final = 2 * SECOND
 """A reason of a handshake with the drive ends within this time."""
 _PASSING: Final = frozenset(
