@@ -166,7 +166,7 @@ BUDGET = {
     "peers": 62707,
     "beside": 1967,
     "tests/long": 67318,
-    "tests": 593015,
+    "tests": 593138,
     "*.c": 0,
     "*.js": 1027,
     "*.toml": 1644,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 
 from pdgw.base.durations import MS
@@ -246,6 +248,19 @@ def test_end_of_local_mode_starts_nothing_while_on_is_kept(after: int, wait: int
     assert control.power.reason is Reason.NEEDS_OFF
     assert control.step(OFF, READY | REMOTE) == SHUTDOWN
     assert control.step(ON, READY | REMOTE) == SWITCH_ON
+
+
+def test_no_word_after_local_mode_starts_a_drive_while_on_is_kept() -> None:
+    """Every sequence of five Statuswords after one with Statusword.9 = 0."""
+    states = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+    words = [STATUS_OF[state] | remote for state in states for remote in (0, REMOTE)]
+    for shown in product(words, repeat=5):
+        control = Control()
+        for _ in range(2):
+            control.step(OFF, READY | REMOTE)
+            control.now += AxisSettings().latency_ns
+        control.step(ON, READY)
+        assert {control.step(ON, word) for word in shown} <= {DISABLE_VOLTAGE, SHUTDOWN}, shown
 
 
 @pytest.mark.parametrize("wait", [0, 9_000 * MS, 60_000 * MS])
