@@ -656,7 +656,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._watch(now)
         if self.status is not _ONLINE or self._has_work(now):
             self._wake.set()
-        elif self._idle:
+        elif self._idle and not self.sdo.awaits_answer:
             self._send_question(now)
 
     def _compare_positions(self) -> None:
@@ -683,9 +683,9 @@ class NodeClient(abc.ABC, Generic[S]):
         return now >= self._check_at or now >= self._acyclic_due
 
     def _send_question(self, now: int) -> bool:
-        """Begin to read an object without the task, which has no access now. False if there is nothing to ask."""
+        """Begin to read an object without the task, which has no access now, nor a question. False: there is nothing to ask."""
         sdo = self.sdo
-        if not sdo.doubles.questions or sdo.awaits_answer:
+        if not sdo.doubles.questions:
             return False
         sdo.doubles.questions -= 1
         sdo.ask(DEVICE_TYPE, 0, lambda _: None)

@@ -430,4 +430,5 @@ class DriveClient(NodeClient[DriveSettings]):
             self._read_units()
         if self._may_check_tpdos(now):
             self._tpdos.check(now, self._timeout_ns)
-        self._send_question(now)
+        if not self.sdo.awaits_answer:
+            self._send_question(now)

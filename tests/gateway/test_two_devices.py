@@ -9,7 +9,7 @@ from itertools import cycle, repeat
 import pytest
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_RESPONSE, NmtCommand, NmtState
+from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand, NmtState
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.daemon.daemon import Daemon
@@ -102,6 +102,27 @@ def test_drive_with_odd_heartbeats_stays_in_operation(habit: str, caplog: pytest
     told = [record.getMessage() for record in caplog.records if "1017h" in record.getMessage()]
     expected = ["axis 1: node heartbeat comes every 20 ms, 1017h is 100"] if "20 ms" in habit else []
     assert told == expected
+
+
+def test_no_question_is_asked_before_the_last_one_is_answered() -> None:
+    """Its answer would count for neither, and all reading by SDO would wait until it cannot come any more."""
+
+    def spoil(daemon: Daemon) -> None:
+        drive_of(daemon).do(_plant(repeat(20)))
+        drive_of(daemon).node.start_fault("slow-sdo", delay_ms=30)
+
+    open_requests, most = 0, 0
+
+    def tap(_: int, sender: Member, can_id: int, data: bytes) -> None:
+        nonlocal open_requests, most
+        open_requests = max(0, open_requests + (can_id == SDO_REQUEST + 1) - (can_id == SDO_RESPONSE + 1))
+        most = max(most, open_requests)
+
+    with operating(before=spoil) as (daemon, plc):
+        world_of(daemon).bus("world").taps.append(tap)
+        plc.turn(SPEED)
+        _run(plc, 20)
+    assert most == 1
 
 
 def test_encoder_with_a_heartbeat_of_20_ms_stays_online() -> None:
