@@ -145,6 +145,7 @@ class StepReader:
         for key in self._pdos:
             del self._routes[key][self]
         self._noted, self._sent, self._was_online = pdos, {}, False
+        self._rpdos.clear()  # read in the mapping of before
         self._pdos = {
             (self._buses.index(bus), cob_id): _Pdo(self._item, layout, names) for bus, cob_id, layout, names in pdos
         }

@@ -321,6 +321,12 @@ def test_command_replays_what_the_gateways_recorded(capsys: pytest.CaptureFixtur
     assert re.search(r"^\d{4,} steps replayed without a difference$", capsys.readouterr().out, re.MULTILINE)
 
 
+def test_steps_after_another_mapping_are_replayed(capsys: pytest.CaptureFixture[str]) -> None:
+    """The first RPDO of a drive whose mapping is new, at 163.044 s."""
+    assert main(["--until", "163.1", "--seed", "611", "--axes", "1", "--telegrams", "111", "--replay"]) == 0
+    assert "replayed without a difference" in capsys.readouterr().out
+
+
 def test_wrong_telegrams_are_rejected(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--telegrams", "1,x"])
