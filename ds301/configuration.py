@@ -50,9 +50,10 @@ class SdoStep:
         return self.value.to_bytes(self.type.bits // 8, "little", signed=self.value < 0)
 
     def is_held_by(self, found: int) -> bool:
-        """Whether a device with this value has what was written: the value, or a time that differs by at most half of it."""
-        rounded = self.time and found >> 16 == self.value >> 16
-        return abs(found - self.value) <= (self.value & 0xFFFF) // 2 * rounded
+        """Whether a device that reads ``found`` has accepted the value. It may round a time up or down, by half of it at most."""
+        if not self.time:
+            return found == self.value
+        return found >> 16 == self.value >> 16 and abs(found - self.value) <= (self.value & 0xFFFF) // 2
 
     @property
     def is_cob_id(self) -> bool:

@@ -146,7 +146,7 @@ BUDGET = {
     "pdgw": 2784,
     "profidrive": 19315,
     "profinet": 44535,
-    "ds301": 41472,
+    "ds301": 41477,
     "dsp402": 27010,
     "dsp406": 5683,
     "gateway": 0,
