@@ -84,7 +84,7 @@ class RpdoSender:
         self.has_turn = False
         self.all_sent = True
         self.sent_ns = 0
-        """When the last command was given that was sent as it is: nothing of it waits or is withheld."""
+        """When the newest command was sent as it is; 0 while something of it waits or is withheld."""
         self._data_senders: list[_Sender] = []
         self._paused: list[_Sender] = []
         """All of them during a pause."""
@@ -190,6 +190,8 @@ class RpdoSender:
             self._set_point_sent = True
         if sent and self.all_sent and command.controlword == asked and command.target_velocity == speed:
             self.sent_ns = 0 if self._paused else now
+        else:
+            self.sent_ns = 0
         command.controlword = asked
         command.target_velocity = speed
         self.motion_asked = speed != 0 or self._set_point_sent

@@ -149,11 +149,28 @@ def sensors(plc: Plc) -> None:
     turn(plc, 60)
 
 
+def in_pairs(plc: Plc) -> None:
+    """Two frames arrive at one time, as after a delay in the network; the second command waits for room on the bus."""
+    turn(plc, 10)
+    plc.enable()
+    for number in range(60):
+        for value in (0x400 + 32 * number, 0x410 + 32 * number):
+            plc.endpoint.set(0, {"NSOLL_B": value << 16, "MOMRED": value})
+            plc.send()
+        run(plc, 2)
+
+
 SMALL = '[can]\ninterface = "virtual"\nchannel = "world"\nbitrate = 1000000\n'
 ENCODER = "[[encoder]]\ndo_id = 9\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 SECOND = ENCODER.replace("9", "8").replace("20", "21")
 CASES: dict[str, tuple[str, str, str | None, Callable[[Plc], None]]] = {
     "RPDOs wait for room": ("".join(axis(n, telegram_number=3) for n in range(1, 7)), SMALL, None, turn),
+    "RPDOs wait for room, and two frames at one time": (
+        axis(1, telegram_number=102),
+        SMALL,
+        None,
+        in_pairs,
+    ),
     "losses and the end of the gateway": (axis(1), "", None, with_losses),
     "restarts": (axis(1), "", None, restarts),
     "encoders as G1 and G2": (
@@ -180,11 +197,12 @@ def test_a_recording_has_the_steps_of_the_machines(name: str, tmp_path: Path) ->
         if of_shape:
             world_of(daemon).drive("world", 1, shape=shape(of_shape))
         if can:
-            world_of(daemon).gateway_places = 2
+            world_of(daemon).gateway_port("world").places = 2
 
     with recorded(configuration(tables, can=can), tmp_path, before) as plc:
         until(plc.daemon, lambda: all(client.generation for client in plc.daemon.clients), "online", 20_000 * MS)
         happens(plc)
+        assert not can or all(network.waits for network in plc.daemon.networks.values())
     by_frames = seen[0].compare(recording(tmp_path))
     assert not differences(replay_of(tmp_path))
     assert by_frames > 100
