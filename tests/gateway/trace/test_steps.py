@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from pdgw.base.durations import MS
+from pdgw.ds301.communication import STORE_PARAMETERS
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
-from pdgw.gateway.axis.values import Inputs, Outputs
+from pdgw.gateway.axis.values import Inputs, Outputs, SdoWrite
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace import pcapng
@@ -67,6 +68,13 @@ def test_a_step_is_recorded_if_a_value_changes_that_no_frame_has() -> None:
         assert len(record.take(item.machine.inputs.now)) > TWO_BYTES
         item.fault_log.count += 1
         assert len(record.take(item.machine.inputs.now)) > TWO_BYTES
+        item.drive.generation += 1
+        assert len(record.take(item.machine.inputs.now)) > TWO_BYTES
+        item.given.append(("tolerate", 3))
+        assert len(record.take(item.machine.inputs.now)) > TWO_BYTES
+        item.machine.outputs.presets[0] = SdoWrite(0x607C, 0, 5)
+        assert len(record.take(item.machine.inputs.now)) > TWO_BYTES
+        assert len(record.take(item.machine.inputs.now)) == TWO_BYTES
         assert numbers(Inputs(item.drive.feedback))
         assert numbers(Outputs(0, None))
 
@@ -150,14 +158,32 @@ def sensors(plc: Plc) -> None:
 
 
 def in_pairs(plc: Plc) -> None:
-    """Two frames arrive at one time, as after a delay in the network; the second command waits for room on the bus."""
+    """Two frames arrive at one time, as after a delay in the network. The second command, or its data alone, waits for room on
+    the bus."""
     turn(plc, 10)
     plc.enable()
     for number in range(60):
         for value in (0x400 + 32 * number, 0x410 + 32 * number):
-            plc.endpoint.set(0, {"NSOLL_B": value << 16, "MOMRED": value})
+            plc.endpoint.set(0, {"NSOLL_B": (number if number % 2 else value) << 16, "MOMRED": value})
             plc.send()
         run(plc, 2)
+
+
+def speed_before_on(plc: Plc) -> None:
+    """The setpoint is there when the drive starts, which shows its mode of operation only later."""
+    plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+    plc.enable()
+    run(plc, 100)
+
+
+def stores(plc: Plc) -> None:
+    """The PLC changes the torque limit while the drive stores its own one, and gets none meanwhile."""
+    plc.enable()
+    done = plc.daemon.axes[0].drive.submit(lambda drive: drive.write_for_client(STORE_PARAMETERS, 1, b"save"))
+    for number in range(150):
+        plc.endpoint.set(0, {"MOMRED": 20 * number})
+        plc.exchange()
+    assert done.done()
 
 
 SMALL = '[can]\ninterface = "virtual"\nchannel = "world"\nbitrate = 1000000\n'
@@ -179,6 +205,8 @@ CASES: dict[str, tuple[str, str, str | None, Callable[[Plc], None]]] = {
         None,
         sensors,
     ),
+    "a limit withheld while the drive stores its own": (axis(1, telegram_number=102), "", None, stores),
+    "speed withheld until the drive shows its mode": (axis(1, more=""), "", "mode-late", speed_before_on),
     "setpoints held for their data": (axis(1, telegram_number=111, more=SIMULATED_POSITIONER), "", None, tasks),
     **{
         f"telegram {number} and the drive {name}": (axis(1, telegram_number=number, more=""), "", name, turn)
