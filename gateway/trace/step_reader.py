@@ -35,8 +35,6 @@ class Step(NamedTuple):
     events: dict[str, Any]
     is_sent: bool = True
     """``command`` is the command of this step; False: the newest one in the RPDOs, because they wait or are withheld."""
-    rpdos: tuple[tuple[str, int], ...] = ()
-    """The values of all RPDOs since the step before."""
     by_frames: bool = False
     """The frames have its values, which were not recorded."""
     contradictions: tuple[tuple[str, object, object], ...] = ()
@@ -48,7 +46,6 @@ class _Pdo:
 
     def __init__(self, item: TracedObject, layout: str, names: list[str]) -> None:
         self.packed = struct.Struct(layout)
-        self.names = names
         known = {name: (group, at) for group, of in enumerate(GROUPS) for at, name in enumerate(item.groups[of])}
         self.places: list[tuple[int, _Place]] = [(at, known[name]) for at, name in enumerate(names) if name in known]
         """Of its values, by their number."""
@@ -85,7 +82,6 @@ class StepReader:
         """The newest frame of each TPDO since the last step: when it came, and its data."""
         self._read: list[_Place] = []
         """The values that no PDO has."""
-        self._rpdos: list[tuple[str, int]] = []
         self._of_rpdos: set[int] = set()
         """The places of RPDO values in the command; the others are written by SDO, and a change of them is recorded."""
         self._sent: dict[int, int] = {}
@@ -100,7 +96,6 @@ class StepReader:
             return
         if pdo.is_rpdo:
             values = pdo.packed.unpack_from(data)
-            self._rpdos += zip(pdo.names, values, strict=True)
             self._sent |= {at: values[value] for value, (_, at) in pdo.places}
         else:
             self._arrived[key] = time_ns, data
@@ -131,11 +126,10 @@ class StepReader:
             self._map(events.pop("pdos", self._noted))
             self._read = [self._places[at] for at in events.pop("read")] if "read" in events else self._read
             if step is not None or flags & pcapng.WHOLE:
-                given = Step._make((*groups, events, True, tuple(self._rpdos), False, ()))
+                given = Step._make((*groups, events, True, False, ()))
                 step = self._recorded(given, step, mask, flags, received)
         self.step = step
         self._arrived.clear()
-        self._rpdos.clear()
         return at
 
     def _map(self, pdos: Any) -> None:
@@ -145,7 +139,6 @@ class StepReader:
         for key in self._pdos:
             del self._routes[key][self]
         self._noted, self._sent, self._was_online = pdos, {}, False
-        self._rpdos.clear()  # read in the mapping of before
         self._pdos = {
             (self._buses.index(bus), cob_id): _Pdo(self._item, layout, names) for bus, cob_id, layout, names in pdos
         }
@@ -164,7 +157,7 @@ class StepReader:
         if self._fresh_at is not None:
             changes.append(((_FLAGS, self._fresh_at), fresh))
         if mask & pcapng.AS_BEFORE:
-            return Step._make((*_changed(groups, changes), {}, last.is_sent, (), False, ()))
+            return Step._make((*_changed(groups, changes), {}, last.is_sent, False, ()))
         for key, pdo in self._pdos.items():
             if key in self._arrived:
                 time_ns, data = self._arrived[key]
@@ -173,7 +166,7 @@ class StepReader:
                 changes += [(place, time_ns) for place in pdo.times]
         changes += [((_COMMAND, at), value) for at, value in self._sent.items()]
         is_sent = bool(mask & pcapng.SENT) and self._of_rpdos <= self._sent.keys()
-        return Step._make((*_changed(groups, changes), {}, is_sent, tuple(self._rpdos), True, ()))
+        return Step._make((*_changed(groups, changes), {}, is_sent, True, ()))
 
     def _recorded(self, step: Step, frames: Step | None, mask: int, flags: int, received: bytes) -> Step:
         """A recorded step. ``frames``: as the frames have it."""

@@ -1,7 +1,8 @@
 """Replay a recording of the gateway: give the machines of this version the recorded inputs, and compare what they decide.
 
-The recorded frames are compared too: the answers and the RPDOs with the decisions, those that an input is taken from with its
-recorded values (``step_reader``). A drive object is compared until its first difference. Without I/O.
+The recorded frames are compared too: with the decisions the answers, and the RPDOs of a step that sends all of them; with the
+recorded values the frames that an input is taken from (``step_reader``). A drive object is compared until its first difference.
+Without I/O.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from pdgw.dsp402.drive.images import DriveFeedback
-from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import Events, PresetAnswer, ProbeAnswer, SdoAnswer
@@ -25,8 +25,6 @@ from pdgw.profidrive.telegrams import telegram
 
 _COUNT: Final = "faults"
 """Number of faults since the start, which the machine does not have."""
-_CONTROL: Final = "controlword"
-_SPEED: Final = "target_velocity"
 _MIDDLE: Final = "the recording begins in the middle of a run: a replay needs its start, as `pdgw run --record` has it"
 
 
@@ -75,10 +73,7 @@ class _Object:
         self._machine: Any = None
         self._feedback = DriveFeedback()
         self._sensors = [_Sensor(), _Sensor()]
-        self._command: dict[str, int] = {}
-        """Of the last step."""
         self._orders: tuple[object, ...] = (None, None, None, None)
-        self._controlword: int | None = None
         self._last: Step | None = None
         self._setters: dict[str, list[tuple[int, Callable[[int], None]]]] = {}
         if before is not None:
@@ -89,7 +84,7 @@ class _Object:
         self.result = before.result
         self.result.telegram = self._traced.telegram
         self._machine, self._feedback, self._sensors = before._machine, before._feedback, before._sensors
-        self._command, self._controlword, self._orders = before._command, before._controlword, before._orders
+        self._orders = before._orders
         if self._traced.groups == before._traced.groups:
             self._setters, self._last = before._setters, before._last
 
@@ -183,7 +178,7 @@ class _Object:
             return
         machine.inputs.now = cycle.time_ns
         outputs = machine.step()
-        found = [*step.contradictions, *self._compared(step, outputs), *self._compared_frames(cycle, step, outputs)]
+        found = [*step.contradictions, *self._compared(step, outputs), *self._compared_answer(cycle, outputs)]
         self.result.steps += 1
         self.result.differences.extend(Difference(cycle.wall_ns, self.result.who, *item) for item in found)
 
@@ -213,31 +208,12 @@ class _Object:
             if now not in (recorded, to_json(from_json(recorded))):  # the second has this version's names of classes
                 yield name, recorded, now
 
-    def _compared_frames(self, cycle: Cycle, step: Step, outputs: Any) -> Iterator[tuple[str, object, object]]:
+    def _compared_answer(self, cycle: Cycle, outputs: Any) -> Iterator[tuple[str, object, object]]:
         if cycle.flags & pcapng.ANSWERED and self._actuals_at is not None and cycle.sent:
             sent = self._telegram.actuals.struct.unpack_from(cycle.sent, self._actuals_at)
             for name, recorded, now in zip(self._telegram.actuals.names, sent, outputs.actuals, strict=True):
                 if recorded != now:
                     yield name, recorded, now
-        command = outputs.command
-        now = {name: getattr(command, name) for name in self._traced.groups["command"] if hasattr(command, name)}
-        before, self._command = self._command or now, now
-        if not getattr(self._machine.inputs, "drive_ok", False):
-            return
-        # An RPDO has the values of this step, or of the one before where it waited. A Controlword may wait for other RPDOs, and
-        # its new setpoint for other data. The speed is 0 until the drive confirms the mode of operation.
-        for name, value in step.rpdos:
-            allowed = {now.get(name, value), before.get(name, value)}
-            if name == _CONTROL and self._controlword is not None:
-                allowed.add(self._controlword)
-            if name == _CONTROL:
-                allowed |= {word & ~ControlBit.NEW_SETPOINT for word in allowed}
-            if name == _SPEED:
-                allowed.add(0)
-            if value not in allowed:
-                yield f"{name} in the RPDO", value, now.get(name)
-            if name == _CONTROL:
-                self._controlword = value
 
 
 def _setter(item: object, name: str) -> Callable[[int], None]:

@@ -15,12 +15,14 @@ from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.file import simulated
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.reader import RingReader
+from pdgw.gateway.trace.pcapng import Description
+from pdgw.gateway.trace.reader import Cycle, Frame, Parser, RingReader
+from pdgw.gateway.trace.steps import EVENTS
 from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.frame import STATUS_RUN
-from pdgw.tools.decoder.step_replay import Replayed
+from pdgw.tools.decoder.step_replay import Replayed, replay
 from pdgw.tools.decoder.timeline.text import entry_lines
 from pdgw.tools.recording.recordings import replayed
 from pdgw.tools.recording.trace_keeper import save
@@ -184,6 +186,42 @@ def test_a_changed_input_between_two_records_changes_decisions(place: int, field
         frame[place] ^= 0x15
 
     assert changed(turning, "TPDO", change)[0].differences[0].field == field
+
+
+def items_of(name: str, folder: Path) -> list[Description | Frame | Cycle]:
+    """The blocks of a run that this version records."""
+    tables, happens = RUNS[name]
+    folder.mkdir(exist_ok=True)
+    with recorded(configuration(tables), folder) as plc:
+        happens(plc)
+    return list(Parser(name).feed(Path(recording(folder)).read_bytes()))
+
+
+def test_a_missing_event_is_the_difference(tmp_path: Path) -> None:
+    """Orders, faults, lines of the log: each kind that the runs have."""
+    found = set()
+    for name in ("telegram 1", "telegram 9"):
+        items = items_of(name, tmp_path / name)
+        for kind in (*EVENTS, "orders"):
+            for place, item in enumerate(items):
+                if isinstance(item, Cycle) and kind in item.steps[0].events:
+                    step = item.steps[0]
+                    events = {key: value for key, value in step.events.items() if key != kind}
+                    changed_items = [*items[:place], item._replace(steps=(step._replace(events=events),))]
+                    (first, *_) = differences(replay(changed_items))
+                    assert first.field == kind
+                    assert first.recorded == []
+                    found.add(kind)
+                    break
+    assert found == {*EVENTS, "orders"} - {"read_fault"}  # of a drive that sends no EMCY
+
+
+def test_a_recording_with_a_gap_is_refused(tmp_path: Path) -> None:
+    items = items_of("telegram 1", tmp_path)
+    cycles = [place for place, item in enumerate(items) if isinstance(item, Cycle)]
+    del items[cycles[200]], items[cycles[150]]
+    with pytest.raises(GatewayError, match="the recording has a gap of 1 cycles"):
+        replay(items)
 
 
 def test_a_part_of_a_recording_is_refused(tmp_path: Path) -> None:

@@ -103,6 +103,7 @@ def test_the_oldest_segments_are_deleted_and_each_can_be_read_alone(tmp_path: Pa
             with RingReader(segment) as alone:
                 first = alone.cycles()[0]
                 assert list(alone.setpoints(first, 0) or ()) == [0x047F, 0x2000]
+                assert all(cycle.steps[0].is_sent for cycle in alone.cycles())
 
 
 def test_secrets_are_not_in_a_recording(tmp_path: Path) -> None:
