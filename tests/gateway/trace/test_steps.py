@@ -179,11 +179,14 @@ def speed_before_on(plc: Plc) -> None:
 def stores(plc: Plc) -> None:
     """The PLC changes the torque limit while the drive stores its own one, and gets none meanwhile."""
     plc.enable()
-    done = plc.daemon.axes[0].drive.submit(lambda drive: drive.write_for_client(STORE_PARAMETERS, 1, b"save"))
+    stored = []
     for number in range(150):
         plc.endpoint.set(0, {"MOMRED": 20 * number})
+        if number % 10 == 5:
+            drive = plc.daemon.axes[0].drive
+            stored.append(drive.submit(lambda drive: drive.write_for_client(STORE_PARAMETERS, 1, b"save")))
         plc.exchange()
-    assert done.done()
+    assert all(job.done() for job in stored)
 
 
 SMALL = '[can]\ninterface = "virtual"\nchannel = "world"\nbitrate = 1000000\n'
