@@ -244,7 +244,11 @@ class StepRecord:
         """The devices, and the names of the values in the step by their image attributes."""
         self._rpdos: RpdoSender | None = None
         self._generations: list[int] = []
-        """Those of the devices whose PDOs the recording has; empty: it has none."""
+        """Those of the devices whose PDOs are described:"""
+        self._described = ""
+        """members of a JSON object, made once, because they take as long as a hundred steps;"""
+        self._noted = False
+        """the recording has them."""
         self._without_pdo: list[_Attribute] = []
         self._last: tuple[object, ...] = ()
         """What no frame has, in the last step; empty: the next step cannot follow from it."""
@@ -270,7 +274,7 @@ class StepRecord:
 
     def forget(self) -> None:
         """The next step is recorded with all of its values."""
-        self._last, self._generations = (), []
+        self._last, self._noted = (), False
 
     def _read_values(self) -> tuple[object, ...]:
         """What no frame has."""
@@ -324,10 +328,15 @@ class StepRecord:
             self._orders = orders
         generations = [client.generation for client, _ in self._devices]
         if generations != self._generations:
-            self._generations = generations
-            document["pdos"] = self._find_pdos()
-            document["read"] = [self._attributes.index(item) for item in self._without_pdo]
-        return json.dumps(document).encode() if document else b""
+            self._generations, self._noted = generations, False
+            pdos = self._find_pdos()
+            read = [self._attributes.index(item) for item in self._without_pdo]
+            self._described = json.dumps({"pdos": pdos, "read": read})[1:-1]
+        members = [json.dumps(document)[1:-1]] if document else []
+        if not self._noted:
+            self._noted = True
+            members.append(self._described)
+        return f"{{{', '.join(members)}}}".encode() if members else b""
 
     def _find_pdos(self) -> list[tuple[str, int, str, Sequence[str]]]:
         """The PDOs of the devices: bus, COB-ID, format, and the names of their values in the step."""

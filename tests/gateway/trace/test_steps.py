@@ -15,7 +15,7 @@ from pdgw.gateway.axis.values import Inputs, Outputs, SdoWrite
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.steps import step_record
+from pdgw.gateway.trace.steps import StepRecord, step_record
 from pdgw.peers.drive import shape
 from tests.support.gateways.daemon import (
     OFF,
@@ -252,6 +252,24 @@ def test_steps_of_an_axis_that_moves_need_five_bytes_a_cycle(tmp_path: Path) -> 
         ]
     assert len(steps) > 1000
     assert sum(steps) / len(steps) < 5
+
+
+def test_the_pdos_are_described_once_and_recorded_every_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their description takes as long as a hundred steps, and with 64 axes longer than a cycle."""
+    described: list[object] = []
+    describe = StepRecord._find_pdos
+
+    def counted(record: StepRecord) -> object:
+        described.append(record)
+        return describe(record)
+
+    monkeypatch.setattr(StepRecord, "_find_pdos", counted)
+    with recorded(configuration(axis(1)), tmp_path) as plc:
+        turn(plc, 800)
+        generations = plc.daemon.axes[0].drive.generation
+    texts = [data for _, data in cycle_blocks(recording(tmp_path)) if b'"pdos"' in data]
+    assert len(described) == 1 + generations
+    assert len(texts) > 3
 
 
 def cycle_blocks(file: str) -> Iterator[tuple[int, bytes]]:
