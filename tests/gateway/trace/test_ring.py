@@ -25,7 +25,7 @@ from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.run_directory import prepared, rings, run_directory
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.reader import RingReader
+from pdgw.gateway.trace.reader import Frame, Parser, RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.trace.steps import HOMES, from_json, recorded_class, to_json
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, world_of
@@ -170,6 +170,10 @@ def test_short_cycles_are_written_together_and_at_once_with_an_event(tmp_path: P
         assert plc.daemon.cycles == reader.newest_cycle
     assert not ring(plc).lost
     assert [cycle.number for cycle in reader.cycles()] == list(range(1, plc.daemon.cycles + 1))
+    frames = [
+        item for path in reader.segments() for item in Parser("").feed(path.read_bytes()) if isinstance(item, Frame)
+    ]
+    assert [frame.wall_ns for frame in frames] == sorted(frame.wall_ns for frame in frames)
 
 
 def test_a_truncated_segment_leaves_the_axis_in_operation(tmp_path: Path) -> None:
