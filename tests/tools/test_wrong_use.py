@@ -103,6 +103,8 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
         (("sim", "drive", "--interface", "bogus"), "CAN interface"),
         (("decode", "047F2000"), "047F2000: not a file; hexadecimal data: pdgw decode --hex '047F2000'"),
         (("decode", "04", "7F", "20", "00"), "04: not a file; hexadecimal data: pdgw decode --hex '04 7F 20 00'"),
+        (("timeline", "/"), "/: a folder; name the files in it, for example /gateway.pcapng"),
+        (("replay", "/"), "/: a folder; name the files in it, for example /gateway.pcapng"),
         (("sim", "inject", "--port", "1", "fault", "7"), "no simulator answers"),
     ],
 )

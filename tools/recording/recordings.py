@@ -29,7 +29,7 @@ from pdgw.gateway.trace.reader import Cycle, Frame, Parser
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.capture.knowledge import configured_settings
 from pdgw.tools.decoder.capture.pcap import configuration_in
-from pdgw.tools.decoder.capture.source import STANDARD_INPUT, Source, open_source
+from pdgw.tools.decoder.capture.source import STANDARD_INPUT, Source, open_source, unreadable
 from pdgw.tools.decoder.export.trace_page import TracePage
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord
 from pdgw.tools.decoder.frames.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
@@ -263,7 +263,7 @@ def _items(files: Sequence[str]) -> Iterator[Description | Frame | Cycle]:
                 while data := opened.read(_AT_ONCE):
                     yield from parser.feed(data)
         except OSError as error:
-            raise GatewayError(f"{file}: cannot be read ({error.strerror or error})") from error
+            raise GatewayError(f"{file}: {unreadable(Path(file), error)}") from error
 
 
 def _steps(file: str) -> Iterator[Steps]:

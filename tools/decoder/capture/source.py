@@ -75,6 +75,13 @@ class Source:
         self.closing.close()
 
 
+def unreadable(file: Path, error: OSError) -> str:
+    """Why a capture cannot be opened, and what to do."""
+    if file.is_dir():
+        return f"a folder; name the files in it, for example {file / 'gateway.pcapng'}"
+    return f"cannot be read ({error.strerror or error})"
+
+
 def open_source(path: str) -> Source:
     """A capture or log by its path, ``-`` for standard input; CaptureError if it cannot be opened or has an unknown format."""
     if path == STANDARD_INPUT:
@@ -85,7 +92,7 @@ def open_source(path: str) -> Source:
         stream = closing.enter_context(file.open("rb"))
         size = file.stat().st_size
     except OSError as error:
-        raise CaptureError(path, None, f"cannot be read ({error.strerror or error})") from error
+        raise CaptureError(path, None, unreadable(file, error)) from error
     if file.suffix.lower() == _DATABASE:
         return _database(path, closing)
     try:
