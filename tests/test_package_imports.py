@@ -157,7 +157,7 @@ BUDGET = {
     "gateway.objects": 14925,
     "gateway.links": 15098,
     "gateway.service": 6915,
-    "gateway.trace": 11038,
+    "gateway.trace": 11055,
     "gateway.parameters": 10036,
     "gateway.commissioning": 3869,
     "gateway.client": 6592,

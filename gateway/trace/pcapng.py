@@ -8,7 +8,7 @@ draft-ietf-opsawg-pcapng.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -40,9 +40,11 @@ _SECTION_HEAD: Final = 24
 """Bytes of a section header before its options."""
 _SECTION_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 HEAD: Final = struct.Struct(">II")
-PACKET_HEAD: Final = struct.Struct(">IIIQII")
+_PACKET: Final = ">IIIQII"
+PACKET_HEAD: Final = struct.Struct(_PACKET)
 """Kind, length of the block, interface, time, captured and original length."""
-CUSTOM_HEAD: Final = struct.Struct(">IIIcxxxI")
+_CUSTOM: Final = ">IIIcxxxI"
+CUSTOM_HEAD: Final = struct.Struct(_CUSTOM)
 """Kind, length of the block, enterprise; then kind and length of the content."""
 _TAIL: Final = struct.Struct(">I")
 CAN_PACKET: Final = struct.Struct(">12sQ16s8sI")
@@ -112,12 +114,18 @@ def interface(link: int, name: str) -> bytes:
     return _block(INTERFACE, struct.pack(">HHI", link, 0, 0) + options)
 
 
+@lru_cache(maxsize=256)
+def _packer(head: str, size: int) -> tuple[Callable[..., bytes], int]:
+    """What packs a block with content of this size, and its length."""
+    block = struct.Struct(f"{head}{size + -size % 4}sI")
+    return block.pack, block.size
+
+
 def packet(interface: int, time_ns: int, data: bytes) -> bytes:
     """A frame; the time is that of the wall clock."""
     size = len(data)
-    length = PACKET_HEAD.size + size + -size % 4 + 4
-    head = PACKET_HEAD.pack(PACKET, length, interface, time_ns, size, size)
-    return head + data + bytes(-size % 4) + _TAIL.pack(length)
+    pack, length = _packer(_PACKET, size)
+    return pack(PACKET, length, interface, time_ns, size, size, data, length)
 
 
 @lru_cache(maxsize=256)
@@ -143,8 +151,8 @@ def _address(end: str) -> tuple[str, int]:
 def custom(kind: bytes, content: bytes) -> bytes:
     """A block that only this gateway reads."""
     size = len(content)
-    length = CUSTOM_HEAD.size + size + -size % 4 + 4
-    return CUSTOM_HEAD.pack(CUSTOM, length, ENTERPRISE, kind, size) + content + bytes(-size % 4) + _TAIL.pack(length)
+    pack, length = _packer(_CUSTOM, size)
+    return pack(CUSTOM, length, ENTERPRISE, kind, size, content, length)
 
 
 @dataclass(frozen=True)
