@@ -147,7 +147,7 @@ BUDGET = {
     "profidrive": 19315,
     "profinet": 44535,
     "ds301": 41477,
-    "dsp402": 27017,
+    "dsp402": 27013,
     "dsp406": 5683,
     "gateway": 0,
     "gateway.base": 6725,

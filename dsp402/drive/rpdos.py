@@ -188,10 +188,8 @@ class RpdoSender:
         sent = not withheld and self._put(self.control, self.control.pdo.pack(command), now)
         if sent and command.controlword & _NEW_SETPOINT:
             self._set_point_sent = True
-        if sent and self.all_sent and command.controlword == asked and command.target_velocity == speed:
-            self.sent_ns = 0 if self._paused else now
-        else:
-            self.sent_ns = 0
+        is_whole = sent and self.all_sent and not self._paused
+        self.sent_ns = now if is_whole and command.controlword == asked and command.target_velocity == speed else 0
         command.controlword = asked
         command.target_velocity = speed
         self.motion_asked = speed != 0 or self._set_point_sent
