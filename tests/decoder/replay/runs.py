@@ -21,44 +21,39 @@ ENCODER = "[[encoder]]\ndo_id = 9\nnode_id = 20\ntelegram = 83\nsimulate = true\
 TASK = {"SATZANW": 0x8000, "MDI_TARPOS": 0x0200_0000, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x4000, "MDI_DEC": 0x2000}
 
 
-def run(plc: Plc, cycles: int) -> None:
-    for _ in range(cycles):
-        plc.exchange()
-
-
 def speeds(plc: Plc) -> None:
     """ON without OFF, operation, a loss of the PLC, a fault, OFF1; after OFF2 and OFF3 an ON that was not taken back."""
     plc.endpoint.set(0, {"STW1": ON})
-    run(plc, 120)
+    plc.exchange(120)
     for word in (COAST, QUICK_STOP):
         plc.enable()
         plc.endpoint.set(0, {"STW1": word})
-        run(plc, 20)
+        plc.exchange(20)
         plc.endpoint.set(0, {"STW1": ON})
-        run(plc, 20)
+        plc.exchange(20)
     plc.enable()
     plc.endpoint.set(0, {"NSOLL_A" if plc.daemon.axes[0].telegram.number == 1 else "NSOLL_B": 0x1000})
-    run(plc, 60)
+    plc.exchange(60)
     plc.silent = True
-    run(plc, 120)
+    plc.exchange(120)
     plc.silent = False
     plc.enable()
     drive_of(plc.daemon).inject(7)
-    run(plc, 60)
+    plc.exchange(60)
     drive_of(plc.daemon).clear()
     plc.endpoint.set(0, {"STW1": OFF | 0x80})
-    run(plc, 20)
+    plc.exchange(20)
     plc.enable()
     plc.endpoint.set(0, {"STW1": OFF})
-    run(plc, 60)
+    plc.exchange(60)
 
 
 def tasks(plc: Plc) -> None:
     """Homing, a task, an intermediate stop, a rejected task."""
     plc.endpoint.set(0, {"STW1": 0x043E})
-    run(plc, 150)
+    plc.exchange(150)
     plc.endpoint.set(0, {"STW1": 0x043F, "SATZANW": 0x8000 | 35})
-    run(plc, 50)
+    plc.exchange(50)
     for word, more in (
         (0x0C3F, {}),
         (0x043F, {}),
@@ -68,7 +63,7 @@ def tasks(plc: Plc) -> None:
         (0x046F, {}),
     ):
         plc.endpoint.set(0, {"STW1": word, **more})
-        run(plc, 60)
+        plc.exchange(60)
 
 
 def jogs(plc: Plc) -> None:
@@ -76,36 +71,36 @@ def jogs(plc: Plc) -> None:
     plc.enable()
     for word in (ON | 1 << 8, ON, ON & ~2):
         plc.endpoint.set(0, {"STW1": word})
-        run(plc, 100)
+        plc.exchange(100)
 
 
 def raw(plc: Plc) -> None:
     """The Controlword itself."""
-    run(plc, 150)
+    plc.exchange(150)
     for word in (0, 6, 7, 15):
         plc.endpoint.set(0, {"Controlword": word, "Modes of Operation": 3, "Target Velocity": 2000})
-        run(plc, 30)
+        plc.exchange(30)
 
 
 def another_telegram(plc: Plc) -> None:
     """P922 while the axis is off."""
-    run(plc, 150)
+    plc.exchange(150)
     plc.daemon.change_telegram(plc.daemon.axes[0], 2)
     other = Plc(plc.daemon, [2], host="plc")
     other.enable()
     other.endpoint.set(0, {"NSOLL_B": 0x1000_0000})
-    run(other, 60)
+    other.exchange(60)
 
 
 def presets(plc: Plc) -> None:
     """An encoder turns and takes a preset."""
-    run(plc, 150)
+    plc.exchange(150)
     plc.endpoint.set(0, {"STW2_ENC": 0x0400, "G1_STW": 0})
-    run(plc, 20)
+    plc.exchange(20)
     plc.endpoint.set(0, {"G1_STW": 1 << 12})
-    run(plc, 60)
+    plc.exchange(60)
     encoder_of(plc.daemon).node.restart()
-    run(plc, 100)
+    plc.exchange(100)
 
 
 def silent_drive(plc: Plc) -> None:
@@ -116,12 +111,12 @@ def silent_drive(plc: Plc) -> None:
         drive.do(lambda node: node.start_fault("lost-pdos", every=1))
         for word in words:
             plc.endpoint.set(0, {"STW1": word})
-            run(plc, cycles)
+            plc.exchange(cycles)
         drive.do(lambda node: node.end_fault())
-        run(plc, 40)
+        plc.exchange(40)
     plc.enable()
     plc.endpoint.set(0, {"STW1": OFF})
-    run(plc, 20)
+    plc.exchange(20)
 
 
 RUNS: dict[str, tuple[str, Callable[[Plc], None]]] = {

@@ -26,7 +26,7 @@ from pdgw.tools.decoder.step_replay import Replayed, replay
 from pdgw.tools.decoder.timeline.text import entry_lines
 from pdgw.tools.recording.recordings import replayed
 from pdgw.tools.recording.trace_keeper import save
-from tests.decoder.replay.runs import RUNS, kept, run, speeds
+from tests.decoder.replay.runs import RUNS, kept, speeds
 from tests.long.soak.planted import DEFECTS
 from tests.support.gateways import profinet_daemon
 from tests.support.gateways.daemon import OFF, axis, configuration, until, world_of
@@ -108,7 +108,7 @@ def test_a_drive_without_profile_velocity_is_replayed(tmp_path: Path) -> None:
         until(plc.daemon, lambda: plc.daemon.axes[0].drive.generation, "online")
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": -0x1000})
-        run(plc, 100)
+        plc.exchange(100)
     assert not differences(replay_of(tmp_path))
 
 
@@ -191,29 +191,29 @@ def test_a_changed_input_between_two_records_changes_decisions(place: int, field
 def items_of(name: str, folder: Path) -> list[Description | Frame | Cycle]:
     """The blocks of a run that this version records."""
     tables, happens = RUNS[name]
-    folder.mkdir(exist_ok=True)
     with recorded(configuration(tables), folder) as plc:
         happens(plc)
     return list(Parser(name).feed(Path(recording(folder)).read_bytes()))
 
 
-def test_a_missing_event_is_the_difference(tmp_path: Path) -> None:
-    """Orders, faults, lines of the log: each kind that the runs have."""
-    found = set()
-    for name in ("telegram 1", "telegram 9"):
-        items = items_of(name, tmp_path / name)
-        for kind in (*EVENTS, "orders"):
-            for place, item in enumerate(items):
-                if isinstance(item, Cycle) and kind in item.steps[0].events:
-                    step = item.steps[0]
-                    events = {key: value for key, value in step.events.items() if key != kind}
-                    changed_items = [*items[:place], item._replace(steps=(step._replace(events=events),))]
-                    (first, *_) = differences(replay(changed_items))
-                    assert first.field == kind
-                    assert first.recorded == []
-                    found.add(kind)
-                    break
-    assert found == {*EVENTS, "orders"} - {"read_fault"}  # of a drive that sends no EMCY
+MISSING = {"acknowledged": "telegram 1", "faults": "telegram 1", "log_lines": "telegram 1", "orders": "telegram 9"}
+"""The events of a step, each with a run that has it."""
+
+
+def test_each_event_of_a_drive_that_sends_emcy_is_missing_once() -> None:
+    assert MISSING.keys() == {*EVENTS, "orders"} - {"read_fault"}
+
+
+@pytest.mark.parametrize("kind", MISSING)
+def test_a_missing_event_is_the_difference(kind: str, tmp_path: Path) -> None:
+    items = items_of(MISSING[kind], tmp_path)
+    cycles = [(place, item) for place, item in enumerate(items) if isinstance(item, Cycle)]
+    place, cycle, step = next((place, item, item.steps[0]) for place, item in cycles if kind in item.steps[0].events)
+    events = {key: value for key, value in step.events.items() if key != kind}
+    without = cycle._replace(steps=(step._replace(events=events),))
+    first = differences(replay([*items[:place], without]))[0]
+    assert first.field == kind
+    assert first.recorded == []
 
 
 def test_a_recording_with_a_gap_is_refused(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_a_recording_with_a_gap_is_refused(tmp_path: Path) -> None:
 
 def test_a_part_of_a_recording_is_refused(tmp_path: Path) -> None:
     with recorded(configuration(axis(1)), tmp_path) as plc:
-        run(plc, 1200)
+        plc.exchange(1200)
         with RingReader(tmp_path / "test.ring") as reader:
             newest = reader.cycles(at_most=1)[0].time_ns
             save(reader, tmp_path / "part.pcapng", newest - 1_000_000_000)

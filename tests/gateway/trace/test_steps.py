@@ -79,16 +79,11 @@ def test_a_step_is_recorded_if_a_value_changes_that_no_frame_has() -> None:
         assert numbers(Outputs(0, None))
 
 
-def run(plc: Plc, cycles: int) -> None:
-    for _ in range(cycles):
-        plc.exchange()
-
-
 def turn(plc: Plc, cycles: int = 150) -> None:
     """All axes turn at changing speeds; the first one starts and stops."""
     for index in range(len(plc.daemon.axes)):
         plc.endpoint.set(index, {"STW1": OFF | 1 << 7})
-    run(plc, 20)
+    plc.exchange(20)
     for index in range(len(plc.daemon.axes)):
         plc.enable(index)
     for number in range(cycles):
@@ -97,21 +92,21 @@ def turn(plc: Plc, cycles: int = 150) -> None:
             plc.endpoint.set(index, {name: (0x400 + 16 * number) << (0 if name == "NSOLL_A" else 16)})
         plc.exchange()
     plc.endpoint.set(0, {"STW1": OFF})
-    run(plc, 60)
+    plc.exchange(60)
     plc.enable()
 
 
 def with_losses(plc: Plc) -> None:
     turn(plc, 30)
     plc.silent = True
-    run(plc, 100)
+    plc.exchange(100)
     plc.silent = False
     plc.endpoint.bad = {0}
-    run(plc, 10)
+    plc.exchange(10)
     plc.endpoint.bad = set()
     plc.enable()
     plc.endpoint.run = False
-    run(plc, 10)
+    plc.exchange(10)
     plc.endpoint.run = True
     plc.enable()
     plc.daemon.stop()
@@ -126,18 +121,18 @@ def restarts(plc: Plc) -> None:
     turn(plc, 30)
     drive = drive_of(plc.daemon)
     drive.node.restart()
-    run(plc, 300)
+    plc.exchange(300)
     turn(plc, 10)
     drive.do(lambda node: node.start_fault("lost-pdos", every=1))
-    run(plc, 100)
+    plc.exchange(100)
     drive.do(lambda node: node.end_fault())
-    run(plc, 300)
+    plc.exchange(300)
     turn(plc, 10)
     port = world_of(plc.daemon).gateway_port("world")
     port.connect(False)
-    run(plc, 100)
+    plc.exchange(100)
     port.connect(True)
-    run(plc, 300)
+    plc.exchange(300)
     turn(plc, 10)
 
 
@@ -146,14 +141,14 @@ def tasks(plc: Plc) -> None:
     plc.enable()
     for word in (ON | 1 << 8, ON, ON | 1 << 9, ON, ON & ~2):
         plc.endpoint.set(0, {"STW1": word})
-        run(plc, 60)
+        plc.exchange(60)
 
 
 def sensors(plc: Plc) -> None:
     """An encoder turns, restarts and is lost while the axis turns."""
     turn(plc, 60)
     encoder_of(plc.daemon).node.restart()
-    run(plc, 250)
+    plc.exchange(250)
     turn(plc, 60)
 
 
@@ -166,14 +161,14 @@ def in_pairs(plc: Plc) -> None:
         for value in (0x400 + 32 * number, 0x410 + 32 * number):
             plc.endpoint.set(0, {"NSOLL_B": (number if number % 2 else value) << 16, "MOMRED": value})
             plc.send()
-        run(plc, 2)
+        plc.exchange(2)
 
 
 def speed_before_on(plc: Plc) -> None:
     """The setpoint is there when the drive starts, which shows its mode of operation only later."""
     plc.endpoint.set(0, {"NSOLL_A": 0x1000})
     plc.enable()
-    run(plc, 100)
+    plc.exchange(100)
 
 
 def stores(plc: Plc) -> None:
@@ -244,7 +239,7 @@ def test_steps_of_an_axis_that_moves_need_five_bytes_a_cycle(tmp_path: Path) -> 
     with recorded(configuration(axis(1)), tmp_path) as plc:
         turn(plc)
         first = plc.daemon.cycles
-        run(plc, 1250)
+        plc.exchange(1250)
         steps = [
             len(data) - pcapng.CYCLE_HEAD.size
             for number, data in cycle_blocks(recording(tmp_path))
