@@ -37,7 +37,8 @@ from pdgw.gateway.axis.executors.sensor import NO_SENSOR, DriveSensor, EncoderRe
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import DriveWords, TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit
+from pdgw.gateway.axis.orders import Order
+from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive
 from pdgw.gateway.axis.settings import AxisSettings, Missing, SecondSensor, missing, needed_quantities
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
@@ -69,7 +70,7 @@ _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _PASS: Final = Action.PASS
 _HOLD: Final = PowerWish.HOLD
-_HALT: Final = Limit.HALT
+_HALT: Final = Order.HALT
 _BRAKES: Final = {
     Brake.NONE: "the gateway commands Quick Stop",
     Brake.NMT_STOP: "the gateway has stopped the node (NMT)",
@@ -182,7 +183,7 @@ class AxisMachine:
     @property
     def enters_since(self) -> int:
         """Since when the drive is Switched On and has to enter operation; 0 while it has not to."""
-        return self._stop.began if self.interlock.cell.limit is Limit.ENTER else 0
+        return self._stop.began if self.interlock.cell.order is Order.ENTER else 0
 
     @property
     def fault_began(self) -> int:
@@ -309,11 +310,11 @@ class AxisMachine:
                 outputs.known_off = False  # it may have received Enable Operation and not shown it
         if drive.fault_since:
             drive.step(self._node, inputs.now)
-        limit = cell.limit
-        if not limit and action is _ENABLE_OPERATION and command.controlword & ControlBit.HALT:
-            limit = _HALT
-        if limit or self._stop.began >= 0:
-            self._watch_stops(limit)
+        order = cell.order
+        if not order and action is _ENABLE_OPERATION and command.controlword & ControlBit.HALT:
+            order = _HALT
+        if order or self._stop.began >= 0:
+            self._watch_stops(order)
         if self.demand.acknowledge or self.acknowledgement.waits:
             self._acknowledge()
 
@@ -329,15 +330,15 @@ class AxisMachine:
             self._drive.acknowledged()
             self.units_contradicted = False
 
-    def _watch_stops(self, limit: Limit) -> None:
+    def _watch_stops(self, order: Order) -> None:
         """The drive must leave the state that it shows, and must brake; after a stop it must not turn without power."""
         inputs, outputs, stop, window = self.inputs, self.outputs, self._stop, self._window
         feedback, now = inputs.feedback, inputs.now
         velocity, position = feedback.velocity_actual, feedback.position_actual
-        if limit is Limit.ENTER or (limit and not outputs.known_off):
+        if order is Order.ENTER or (order and not outputs.known_off):
             state = STATE_OF_STATUS[feedback.statusword & STATE_MASK]
             disobeys = stop.step(
-                limit,
+                order,
                 state,
                 inputs.drive_ok,
                 inputs.node_stopped,
@@ -348,7 +349,7 @@ class AxisMachine:
                 now,
             )
             if disobeys:
-                self._report_stop(limit)
+                self._report_stop(order)
         elif stop.began >= 0:
             if not outputs.known_off or not inputs.drive_ok:
                 stop.over()
@@ -369,17 +370,17 @@ class AxisMachine:
                 outputs.fault(gateway_fault(number, detail, self.inputs.now))
             outputs.found.clear()
 
-    def _report_stop(self, limit: Limit) -> None:
-        """The drive does not keep a limit: the next brake, and a fault."""
-        if limit in QUICK_STOPS:
+    def _report_stop(self, order: Order) -> None:
+        """The drive does not follow an order: the next brake, and a fault."""
+        if order in QUICK_STOPS:
             self.interlock.distrust(self.inputs.now)
-        number = FaultNumber.NOT_ENTERED if limit in (Limit.ENTER, Limit.DISABLE) else FaultNumber.STOP_IGNORED
+        number = FaultNumber.NOT_ENTERED if order in (Order.ENTER, Order.DISABLE) else FaultNumber.STOP_IGNORED
         feedback, velocity = self.inputs.feedback, self.inputs.feedback.velocity_actual
         speed = f"{float(velocity / self._per_rpm):g} rpm" if self._per_rpm else f"speed {velocity}"
         after = f"{speed} after {(self.inputs.now - self._stop.began) / SECOND:.1f} s"
         words = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h"
         detail = f"{after}, {_BRAKES[self._stop.brake]} ({words})"
-        if limit is Limit.ENTER:
+        if order is Order.ENTER:
             shown = f"Enable Operation, Statusword {feedback.statusword:04X}h"
             detail = f"{after} of {shown}; check safe torque off (STO), the enable input and the brake of the drive"
         self.outputs.found.append((number, detail))

@@ -1,4 +1,4 @@
-"""States of the power stage, commands, and limits of time: the vocabulary of the power table and its users.
+"""States of the power stage, and commands: the vocabulary of the power table and its users.
 
 Source: docs/translation.md "States".
 """
@@ -6,7 +6,6 @@ Source: docs/translation.md "States".
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
 from typing import Final
 
 from pdgw.dsp402.states import ControlBit, State
@@ -116,73 +115,3 @@ DRIVE_OF_STATE: Final = {
     State.FAULT: Drive.FAULT,
     None: Drive.UNKNOWN,
 }
-
-
-class Leave(enum.IntEnum):
-    """Time in which a drive must leave the state that it shows under a command. The later members are the more urgent."""
-
-    NONE = 0
-    ENTER = 1
-    RAMP = 2
-    BRAKE = 3
-    OFF2 = 4
-
-
-class Line(enum.IntEnum):
-    """Line under which the speed of a drive must be after a command."""
-
-    NONE = 0
-    PLC = 1
-    DRIVE = 2
-    RAMP = 3
-
-
-class Limit(enum.IntEnum):
-    """What a command to a drive must bring about in time (``COLUMNS``); ``stop_supervision`` acts if it does not."""
-
-    NONE = 0
-    ENTER = 1
-    DISABLE = 2
-    HALT = 3
-    RAMP = 4
-    STOP = 5
-    OFF = 6
-    OFF2 = 7
-
-
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """The two parts of a limit, and its name for people."""
-
-    leave: Leave
-    line: Line
-    text: str
-
-
-COLUMNS: Final = {
-    Limit.NONE: Columns(Leave.NONE, Line.NONE, "may last: the PLC asks for it, or the drive has no power"),
-    Limit.ENTER: Columns(Leave.ENTER, Line.NONE, "Enable Operation must lead to Operation Enabled, else Quick Stop"),
-    Limit.DISABLE: Columns(Leave.RAMP, Line.DRIVE, "Disable Operation must brake (605Ch), else Quick Stop"),
-    Limit.HALT: Columns(Leave.NONE, Line.PLC, "Halt (CW.8) in operation must brake, else Quick Stop"),
-    Limit.RAMP: Columns(Leave.NONE, Line.RAMP, "the ramp of OFF1 must brake, else NMT stop"),
-    Limit.STOP: Columns(Leave.BRAKE, Line.RAMP, "Quick Stop must end Operation Enabled and brake, else NMT stop"),
-    Limit.OFF: Columns(Leave.BRAKE, Line.NONE, "Shutdown or Disable Voltage must remove the power, else NMT stop"),
-    Limit.OFF2: Columns(Leave.OFF2, Line.NONE, "OFF2 of the PLC must remove the power, else NMT stop"),
-}
-
-LEAVE_TEXTS: Final = {
-    Leave.NONE: "no limit",
-    Leave.ENTER: "10 s (brake, commutation angle)",
-    Leave.RAMP: "the reaction time and twice `stop_time_ms`; at standstill at least 10 s (brake)",
-    Leave.BRAKE: "the reaction time; at standstill 10 s (brake)",
-    Leave.OFF2: "the reaction time",
-}
-"""The reaction time is ``AxisSettings.reaction_ns``, the 10 s are ``AxisSettings.enter_ns``."""
-LINE_TEXTS: Final = {
-    Line.NONE: "no limit",
-    Line.PLC: "falls at all in the reaction time and twice `stop_time_ms`, at least in 10 s",
-    Line.DRIVE: "after the reaction time and 1/7 of `stop_time_ms` (jerk), has fallen by the standstill window, or by 5 % in "
-    "each `stop_time_ms`",
-    Line.RAMP: "falls, from the reaction time on, along a ramp of twice `stop_time_ms`",
-}
-"""Above the standstill window."""

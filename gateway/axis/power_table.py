@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.gateway.axis.demand_report import OFF1S, OFFS, Flag, PowerWish
-from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit, Phase
+from pdgw.gateway.axis.orders import Order
+from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
 from pdgw.gateway.base.reasons import INTERNAL_FAULT, FaultNumber, Reason
 
 
@@ -381,18 +382,18 @@ ROWS: Final = (
 """The whole table."""
 
 
-LIMITS: Final = (
-    ((D.ENTERING,), (A.ENABLE_OPERATION,), ANY_WISH, Limit.ENTER),
-    ((*UNPOWERED, D.NO_REFERENCES), tuple(A), ANY_WISH, Limit.NONE),
-    (ANY_DRIVE, (A.PASS,), ANY_WISH, Limit.NONE),
-    (IN_OPERATION, (A.ENABLE_OPERATION,), ANY_WISH, Limit.NONE),
-    (SHOWS_OPERATION, (A.SWITCH_ON, A.SHUTDOWN), ANY_WISH, Limit.DISABLE),
-    (ANY_DRIVE, (A.RAMP,), ANY_WISH, Limit.RAMP),
-    (ANY_DRIVE, (A.QUICK_STOP,), ANY_WISH, Limit.STOP),
-    (ANY_DRIVE, (A.DISABLE_VOLTAGE,), COASTS, Limit.OFF2),
-    (ANY_DRIVE, tuple(A), ANY_WISH, Limit.OFF),
+ORDER_ROWS: Final = (
+    ((D.ENTERING,), (A.ENABLE_OPERATION,), ANY_WISH, Order.ENTER),
+    ((*UNPOWERED, D.NO_REFERENCES), tuple(A), ANY_WISH, Order.NONE),
+    (ANY_DRIVE, (A.PASS,), ANY_WISH, Order.NONE),
+    (IN_OPERATION, (A.ENABLE_OPERATION,), ANY_WISH, Order.NONE),
+    (SHOWS_OPERATION, (A.SWITCH_ON, A.SHUTDOWN), ANY_WISH, Order.DISABLE),
+    (ANY_DRIVE, (A.RAMP,), ANY_WISH, Order.RAMP),
+    (ANY_DRIVE, (A.QUICK_STOP,), ANY_WISH, Order.STOP),
+    (ANY_DRIVE, (A.DISABLE_VOLTAGE,), COASTS, Order.OFF2),
+    (ANY_DRIVE, tuple(A), ANY_WISH, Order.OFF),
 )
-"""(state, command, request) -> limit; the first matching row counts, and each cell of the table above has one."""
+"""(state, command, request) -> order; the first matching row counts, and each cell of the table above has one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,7 +402,7 @@ class Cell:
 
     ``operating``: operation is commanded, and shown as commanded. ``shown``: a Statusword that says Operation enabled is repeated
     to the PLC, also until Disable Operation has acted. ``visible``: the drive's own bits that are shown as they are; "no OFF2"
-    and "no OFF3" are hidden while one is in force, whatever the drive says. ``limit``: when the drive must show another state.
+    and "no OFF3" are hidden while one is in force, whatever the drive says. ``order``: what the drive must do in time.
     ``fault``: whose consequence a stop is; None of one that the PLC requests.
     """
 
@@ -413,13 +414,15 @@ class Cell:
     operating: bool
     shown: bool
     visible: int
-    limit: Limit
+    order: Order
     fault: int | None
 
 
-def _limit(drive: Drive, action: Action, wish: PowerWish) -> Limit:
+def _order(drive: Drive, action: Action, wish: PowerWish) -> Order:
     return next(
-        limit for drives, actions, wishes, limit in LIMITS if drive in drives and action in actions and wish in wishes
+        order
+        for drives, actions, wishes, order in ORDER_ROWS
+        if drive in drives and action in actions and wish in wishes
     )
 
 
@@ -446,10 +449,10 @@ def _compile() -> tuple[Cell, ...]:
                         operating = row.action in (A.ENABLE_OPERATION, A.PASS) and drive in IN_OPERATION
                         shown = operating or (row.action in (A.SWITCH_ON, A.SHUTDOWN) and drive in SHOWS_OPERATION)
                         word = CONTROLWORDS[row.action]
-                        visible, limit = _visible(after, wish), _limit(drive, row.action, wish)
+                        visible, order = _visible(after, wish), _order(drive, row.action, wish)
                         fault = row.fault or _FAULTS.get(wish)
                         cells.append(
-                            Cell(number, after, row.action, word, reason, operating, shown, visible, limit, fault)
+                            Cell(number, after, row.action, word, reason, operating, shown, visible, order, fault)
                         )
                         break
                 else:

@@ -13,7 +13,8 @@ from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionE
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.power_states import Action, Drive, Limit, Phase
+from pdgw.gateway.axis.orders import Order
+from pdgw.gateway.axis.power_states import Action, Drive, Phase
 from pdgw.gateway.axis.power_table import (
     ENABLES,
     IN_OPERATION,
@@ -66,11 +67,11 @@ def standing_task_bit_starts(method: Any, self: MdiPositioner, request: Position
 
 
 def brake_ends_with_the_drive(
-    method: Any, self: StopWatch, limit: Limit, state: State | None, seen: bool, *rest: Any
+    method: Any, self: StopWatch, order: Order, state: State | None, seen: bool, *rest: Any
 ) -> Any:
     if not seen:
         self.over()
-    return method(self, limit, state, seen, *rest)
+    return method(self, order, state, seen, *rest)
 
 
 def standing_homing_bit_starts(method: Any, self: MdiPositioner) -> Any:

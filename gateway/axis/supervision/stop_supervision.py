@@ -1,6 +1,6 @@
 """Detects that a drive does not do in time what is commanded, and selects the next brake.
 
-``power_states.Limit`` names the state that must end and the line under which the speed must be. Otherwise the drive gets Quick
+``orders.ORDERS`` has the state that must end and the line under which the speed must be. Otherwise the drive gets Quick
 Stop, or NMT stop if a stop is commanded already. If the node does not confirm that, the gateway's heartbeat is withheld, so that
 the abort option 6007h of the drive is the last brake. Source: docs/safety.md.
 """
@@ -13,19 +13,19 @@ from typing import Final
 from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive_type import POSITIONS
 from pdgw.dsp402.states import State
-from pdgw.gateway.axis.power_states import COLUMNS, Leave, Limit, Line
+from pdgw.gateway.axis.orders import ORDERS, Leave, Line, Order
 from pdgw.gateway.axis.supervision.velocity_check import shortest
 
 RAMP_MARGIN: Final = 2
 """Factor on the stop time of the drive."""
-QUICK_STOPS: Final = (Limit.ENTER, Limit.DISABLE, Limit.HALT)
+QUICK_STOPS: Final = (Order.ENTER, Order.DISABLE, Order.HALT)
 """Limits with Quick Stop as their brake: it was not commanded yet."""
 _MUST_END: Final = {
-    Limit.ENTER: (State.SWITCHED_ON,),
-    Limit.DISABLE: (State.OPERATION_ENABLED,),
-    Limit.STOP: (State.OPERATION_ENABLED,),
-    Limit.OFF: (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE),
-    Limit.OFF2: (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE),
+    Order.ENTER: (State.SWITCHED_ON,),
+    Order.DISABLE: (State.OPERATION_ENABLED,),
+    Order.STOP: (State.OPERATION_ENABLED,),
+    Order.OFF: (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE),
+    Order.OFF2: (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE),
 }
 """States that must end in time."""
 _SLOWER: Final = 0.95
@@ -44,7 +44,7 @@ class Brake(enum.IntEnum):
 
 
 class StopWatch:
-    """One axis. Call ``step`` in each cycle with a limit, and ``coast`` after it while the drive shows power off.
+    """One axis. Call ``step`` in each cycle with an order, and ``coast`` after it while the drive shows power off.
 
     Times in nanoseconds. ``reaction_ns``: in which a command has an effect. ``stop_time_ns``: from 100 % speed to standstill.
     ``enter_ns``: in which a brake opens or closes.
@@ -60,8 +60,8 @@ class StopWatch:
         """In less time, noise may hide the slow ramp of the PLC."""
         self.set_drive(0, 0.0, POSITIONS)
         self.brake: Brake = Brake.NONE
-        self.limit: Limit = Limit.NONE
-        """The limit in force."""
+        self.order: Order = Order.NONE
+        """The order in force."""
         self.began = -1
         """When the stop was commanded first, or the speed of a drive without power fell last; -1 while no stop is watched."""
         self._speed = 0
@@ -96,7 +96,7 @@ class StopWatch:
         self._nmt_tried = False
 
     def _restart(self) -> None:
-        self.limit = Limit.NONE
+        self.order = Order.NONE
         self.began = self._fell = -1
         self._speed = 0
         self.brake = Brake.NONE
@@ -109,7 +109,7 @@ class StopWatch:
 
     def step(
         self,
-        limit: Limit,
+        order: Order,
         state: State | None,
         seen: bool,
         node_stopped: bool,
@@ -119,16 +119,16 @@ class StopWatch:
         window: int,
         now: int,
     ) -> bool:
-        """One cycle of a state with a limit; True if the drive does not keep it.
+        """One cycle of an order; True if the drive does not follow it in time.
 
         ``state``: what the drive shows. ``seen``: its values are fresh. ``node_stopped``: its heartbeat reports Stopped.
         ``velocity``: actual speed, standstill within ``window``. ``position`` came at ``position_ns``. ``now``: monotonic
         nanoseconds.
         """
-        if limit is not self.limit:
-            if limit in QUICK_STOPS or self.limit in QUICK_STOPS:
+        if order is not self.order:
+            if order in QUICK_STOPS or self.order in QUICK_STOPS:
                 self._restart()
-            self.limit = limit
+            self.order = order
         if self.brake is Brake.NMT_STOP:
             if node_stopped:
                 self._braked = -1
@@ -137,7 +137,7 @@ class StopWatch:
                     self.brake = Brake.WITHHOLD_HEARTBEAT
             elif seen:
                 self._restart()
-                self.limit = limit
+                self.order = order
                 self._nmt_tried = True
         if self.brake is not Brake.NONE or not seen:
             return False
@@ -146,9 +146,9 @@ class StopWatch:
             self.began, self._speed = now, speed
         elif now - self.began <= self._reaction:
             self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
-        stays = self._stays(limit, state, speed <= window, position, position_ns, window, now)
-        disobeys = stays or self._turns(COLUMNS[limit].line, speed, window, now)
-        if disobeys and limit not in QUICK_STOPS:
+        stays = self._stays(order, state, speed <= window, position, position_ns, window, now)
+        disobeys = stays or self._turns(ORDERS[order].line, speed, window, now)
+        if disobeys and order not in QUICK_STOPS:
             self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
             self._braked = now
         return disobeys
@@ -158,7 +158,7 @@ class StopWatch:
         self.brake = Brake.NONE
         self._nmt_tried = self.waits = False
         speed = abs(velocity)
-        if speed <= window or self.limit is Limit.ENTER:
+        if speed <= window or self.order is Order.ENTER:
             self.over()
         elif speed < _SLOWER * self._speed:
             self._speed, self.began = speed, now
@@ -196,13 +196,13 @@ class StopWatch:
     # -- the state ------------------------------------------------------------------------------------------------------
 
     def _stays(
-        self, limit: Limit, state: State | None, slow: bool, position: int, position_ns: int, window: int, now: int
+        self, order: Order, state: State | None, slow: bool, position: int, position_ns: int, window: int, now: int
     ) -> bool:
         """Whether the drive shows a state for too long."""
-        if state not in _MUST_END.get(limit, ()):
+        if state not in _MUST_END.get(order, ()):
             self._left()
             return False
-        leave = COLUMNS[limit].leave
+        leave = ORDERS[order].leave
         if self._ignored_since < 0 or state is not self._ignored or (leave > self._leave and self.waits):
             self._ignored, self._ignored_since = state, now
             self._still_since = -1

@@ -10,7 +10,8 @@ from pdgw.base.durations import MS
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.gateway.axis.demand_report import OFFS, Flag, PowerWish
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
-from pdgw.gateway.axis.power_states import COLUMNS, DRIVE_OF_STATE, Action, Drive, Leave, Line, Phase
+from pdgw.gateway.axis.orders import ORDERS, Leave, Line
+from pdgw.gateway.axis.power_states import DRIVE_OF_STATE, Action, Drive, Phase
 from pdgw.gateway.axis.power_table import (
     CELLS,
     COASTS,
@@ -56,7 +57,7 @@ def test_each_command_to_stop_has_a_limit_of_its_effect() -> None:
     """A drive with power must leave its state in time, or become slower. Only a drive that follows the PLC has no limit."""
     powered = set(Drive) - set(UNPOWERED) - {Drive.NO_REFERENCES}
     for name, item in walk(drives=powered):
-        columns = COLUMNS[item.limit]
+        columns = ORDERS[item.order]
         follows = item.action is Action.PASS or (item.action is Action.ENABLE_OPERATION and item.operating)
         assert follows or columns.leave is not Leave.NONE or columns.line is not Line.NONE, name
 

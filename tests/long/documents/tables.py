@@ -20,15 +20,15 @@ from pdgw.dsp406.kinds import Alarm, AreaState, EncoderType, Operating, Warnings
 from pdgw.dsp406.objects import PROFILE, ProfileObject
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import (
-    COLUMNS,
     CONTROLWORDS,
     LEAVE_TEXTS,
     LINE_TEXTS,
+    ORDERS,
     Action,
     Drive,
     Phase,
 )
-from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, LIMITS, ROWS
+from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, ORDER_ROWS, ROWS
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, GatewayFault, Reason
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.requests import Command
@@ -422,10 +422,11 @@ def _power_table() -> Sequence[str]:
         for number, row in enumerate(ROWS, 1)
     )
     limits = (
-        (_names(d, ANY_DRIVE), _names(a, tuple(Action)), _names(w, ANY_WISH), _name(limit)) for d, a, w, limit in LIMITS
+        (_names(d, ANY_DRIVE), _names(a, tuple(Action)), _names(w, ANY_WISH), _name(order))
+        for d, a, w, order in ORDER_ROWS
     )
     columns = (
-        (_name(limit), LEAVE_TEXTS[item.leave], LINE_TEXTS[item.line], item.text) for limit, item in COLUMNS.items()
+        (_name(order), LEAVE_TEXTS[item.leave], LINE_TEXTS[item.line], item.text) for order, item in ORDERS.items()
     )
     words = ("of the telegram" if a is Action.PASS else f"{CONTROLWORDS[a]:04X}h" for a in Action)
     return (

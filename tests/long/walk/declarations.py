@@ -106,7 +106,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     },
     AxisMachine: {"PASSING": frozenset({"in_fault"})},
     StopWatch: {
-        "WHILE": ("limit", QUICK_STOPS),
+        "WHILE": ("order", QUICK_STOPS),
         "INSTANTS": lambda item: {
             "began": item._halted_within + 1,
             "_fell": item._halted_within + 1,

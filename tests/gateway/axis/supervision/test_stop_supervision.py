@@ -6,7 +6,7 @@ import pytest
 
 from pdgw.base.durations import SECOND
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit, enables
-from pdgw.gateway.axis.power_states import Limit
+from pdgw.gateway.axis.orders import Order
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import Brake, StopWatch
 from pdgw.gateway.axis.values import Configured
@@ -38,9 +38,9 @@ def without_reaction(bench: Bench, word: int | None, cycles: int) -> Brake:
     return bench.stepper.machine.outputs.brake
 
 
-def watched(watch: StopWatch, limit: Limit, state: State | None, now: int, velocity: int = 0) -> bool:
+def watched(watch: StopWatch, order: Order, state: State | None, now: int, velocity: int = 0) -> bool:
     """One cycle with a drive whose position does not come."""
-    return watch.step(limit, state, True, False, velocity, 0, 0, 30, now)
+    return watch.step(order, state, True, False, velocity, 0, 0, 30, now)
 
 
 def numbers(bench: Bench) -> list[int]:
@@ -62,7 +62,7 @@ def test_quick_stop_is_supervised_by_speed_while_the_statusword_changes() -> Non
     watch.reference = TURNING
     at = range(0, 2 * REACTION, REACTION // 4)
     found = [
-        watched(watch, Limit.STOP, State.OPERATION_ENABLED if n != 5 else None, now, TURNING)
+        watched(watch, Order.STOP, State.OPERATION_ENABLED if n != 5 else None, now, TURNING)
         for n, now in enumerate(at, 1)
     ]
     assert found.index(True) == 5
@@ -196,8 +196,8 @@ def test_acceleration_to_an_earlier_setpoint_is_accepted_during_a_stop() -> None
         speed = int(1000 + 2000 * min(1.0, since / REACTION) - slope * braking)
         if speed <= 0:
             break
-        assert not watched(watch, Limit.RAMP, State.OPERATION_ENABLED, began + since, speed)
-    assert watched(watch, Limit.RAMP, State.OPERATION_ENABLED, began + since, 3001)
+        assert not watched(watch, Order.RAMP, State.OPERATION_ENABLED, began + since, speed)
+    assert watched(watch, Order.RAMP, State.OPERATION_ENABLED, began + since, 3001)
 
 
 def test_fault_reaction_of_the_drive_has_no_time_limit() -> None:
@@ -211,7 +211,7 @@ def test_reaction_time_restarts_after_a_short_exit_from_operation() -> None:
     watch = StopWatch(REACTION, AxisSettings().stop_time_ns, ENTER)
 
     def disobeys(operating: bool, now: int) -> bool:
-        return watched(watch, Limit.OFF2, State.OPERATION_ENABLED if operating else None, now)
+        return watched(watch, Order.OFF2, State.OPERATION_ENABLED if operating else None, now)
 
     assert not disobeys(True, 0)
     assert not disobeys(False, REACTION)
@@ -446,8 +446,8 @@ def test_each_state_that_must_end_has_its_own_time() -> None:
     """A drive that has left operation is not stopped by NMT for the time that it needed for that."""
     watch = StopWatch(REACTION, AxisSettings().stop_time_ns, ENTER)
     operating, stopping = State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE
-    assert not watched(watch, Limit.OFF2, operating, 0)
-    assert not watched(watch, Limit.OFF2, operating, REACTION)
-    assert not watched(watch, Limit.OFF2, stopping, REACTION + 1)
-    assert not watched(watch, Limit.OFF2, stopping, 2 * REACTION)
-    assert watched(watch, Limit.OFF2, stopping, 2 * REACTION + 2)
+    assert not watched(watch, Order.OFF2, operating, 0)
+    assert not watched(watch, Order.OFF2, operating, REACTION)
+    assert not watched(watch, Order.OFF2, stopping, REACTION + 1)
+    assert not watched(watch, Order.OFF2, stopping, 2 * REACTION)
+    assert watched(watch, Order.OFF2, stopping, 2 * REACTION + 2)
