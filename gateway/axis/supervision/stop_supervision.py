@@ -14,7 +14,7 @@ from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive_type import POSITIONS
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.orders import ORDERS, Leave, Line, Order
-from pdgw.gateway.axis.supervision.velocity_check import shortest
+from pdgw.gateway.axis.supervision.position_speed import shortest
 
 RAMP_MARGIN: Final = 2
 """Factor on the stop time of the drive."""

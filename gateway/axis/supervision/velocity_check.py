@@ -6,28 +6,17 @@ values of a cycle in, a contradiction out. Source: docs/devices.md "The check in
 
 from __future__ import annotations
 
-from statistics import median
 from typing import Final
 
-from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.dsp402.drive_type import POSITIONS, Quantity, Scaling
+from pdgw.base.durations import MS, SECONDS_PER_MINUTE
+from pdgw.dsp402.drive_type import Quantity, Scaling
+from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, Difference, PositionSpeed
 from pdgw.gateway.base.reasons import FaultNumber
 
-SAMPLE_NS: Final = 100 * MS
-"""Positions are compared over steps of at least this time."""
 _COMPARE_NS: Final = 10 * MS
 """Speeds are compared so often: the cycle has no time for more. The way they make is added up in every cycle."""
-_STEPS: Final = 4
-"""Number of steps for the median: one jump of the position (homing, preset) does not count."""
 _FAULT: Final = 5.0
-_WARNING: Final = 1.25
-"""Largest factor between two speeds, in either direction."""
-_STEADY: Final = 1.1
-_FEWEST_COUNTS: Final = 20
-"""A step of fewer position units is too small to be compared. Neither is one in which 606Ch varies by more than its mean: an axis
-that accelerates and brakes between two Statuswords shows speeds that say nothing about its way."""
-_MOST_OF_SPAN: Final = 0.25
-"""A step of a larger part of the position's range is not compared: it may look like another one."""
+"""Largest factor between position and speed, in either direction."""
 _OVERSPEED: Final = 1.5
 """Largest allowed speed, times the setpoint."""
 _OVERSPEED_NS: Final = 500 * MS
@@ -49,39 +38,32 @@ class VelocityCheck:
 
     def __init__(self, stop_time_ns: int) -> None:
         self._stop_time = stop_time_ns
-        self.counts_per_unit = 0.0
-        """Position units a second of one velocity unit; 0 where one of them is not known."""
+        self._compared = PositionSpeed()
         self._counts = 0.0
         self._full = self._floor = 0
-        self._span = POSITIONS
-        self._compares_signs = True
-        """6064h and 606Ch have the same sign in the same direction."""
         self._restart()
+
+    @property
+    def counts_per_unit(self) -> float:
+        """Position units a second of one velocity unit; 0 where one of them is not known."""
+        return self._compared.counts_per_unit
 
     def set_drive(self, scaling: Scaling, window: int) -> None:
         """Set the drive's units. ``window``: speeds within it count as standstill."""
         counts, per_rpm = scaling.counts_per_revolution, scaling.velocity_per_rpm
         if counts is None or per_rpm is None:
-            self._counts = self.counts_per_unit = 0.0
+            self._counts = per_unit = 0.0
         else:
             self._counts = float(counts)
-            self.counts_per_unit = float(counts / per_rpm / SECONDS_PER_MINUTE)
-        self._span = scaling.position_span
-        self._compares_signs = scaling.same_signs
+            per_unit = float(counts / per_rpm / SECONDS_PER_MINUTE)
+        self._compared.set_scaling(per_unit, window, scaling.position_span, same_signs=scaling.same_signs)
         self._full = int(scaling.reference(Quantity.SPEED))
         self._floor = window
         self._restart()
 
     def _restart(self) -> None:
         self._at = self._compared_at = -1
-        self._way = 0
-        """Integral of 606Ch since the last position, in velocity units times nanoseconds,"""
-        self._lowest = self._highest = 0
-        """and between which values it was."""
-        self._position = self._position_ns = 0
-        """The position a step began with; 0 ns before the first."""
-        self._steps: tuple[tuple[float, float], ...] = ()
-        """For each step, position units a second by 6064h, negative against the direction of 606Ch, and by 606Ch."""
+        self._compared.restart()
         self._target = 0
         self._ceiling = 0.0
         self._over_since = -1
@@ -102,6 +84,7 @@ class VelocityCheck:
         ``operating``: the drive follows the PLC. ``target``: the speed it is sent, None where it follows something else.
         ``position``, ``position_ns``: the newest 6064h and when it came, 0 never. Times are monotonic nanoseconds.
         """
+        compared = self._compared
         if not operating:
             if self._at >= 0:
                 self._restart()
@@ -109,25 +92,24 @@ class VelocityCheck:
         if self._at < 0:
             self._ceiling = float(0 if target is None else abs(velocity))
             self._compared_at = now
-        elif self._position_ns:
-            self._way += velocity * (now - self._at)
+        elif compared.position_ns:
+            compared.way += velocity * (now - self._at)
         self._at = now
         elapsed = now - self._compared_at
         if 0 < elapsed < _COMPARE_NS:
             return None
         self._compared_at = now
-        if self._position_ns:
-            self._lowest, self._highest = min(self._lowest, velocity), max(self._highest, velocity)
+        if compared.position_ns:
+            compared.note(velocity)
         speed = abs(velocity)
         if target is not None:
             self._follow(target, abs(target - velocity), now)
         text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
         if text:
             return FaultNumber.VELOCITY, text
-        if self.counts_per_unit and position_ns - self._position_ns >= SAMPLE_NS:
-            found = self._compare(position, position_ns)
-            self._lowest = self._highest = velocity
-            return found
+        if compared.counts_per_unit and position_ns - compared.position_ns >= SAMPLE_NS:
+            difference = compared.compare(velocity, position, position_ns)
+            return None if difference is None else self._contradiction(difference)
         return None
 
     def _follow(self, target: int, apart: int, now: int) -> None:
@@ -158,49 +140,16 @@ class VelocityCheck:
                 return f"606Ch is {speed} and keeps growing with a constant setpoint of {target}"
         return ""
 
-    def _compare(self, position: int, position_ns: int) -> tuple[FaultNumber, str] | None:
-        """6064h has moved on: by how much, and by how much it should have."""
-        duration = (position_ns - self._position_ns) / SECOND if self._position_ns else 0.0
-        moved = shortest(position - self._position, self._span)
-        way = self._way / SECOND * self.counts_per_unit
-        expected = abs(way)
-        spread = (self._highest - self._lowest) * duration
-        steady = spread <= max(abs(self._way) / SECOND, self._floor * duration)
-        self._position, self._position_ns, self._way = position, position_ns, 0
-        if not duration:
-            return None
-        least = max(_FEWEST_COUNTS, self._floor * self.counts_per_unit * duration)
-        if not steady or max(abs(moved), expected) < least or expected > self._span * _MOST_OF_SPAN:
-            self._steps = ()
-            return None
-        opposite = moved * way < 0 and min(abs(moved), expected) >= least
-        seen = -abs(moved) if opposite else abs(moved)
-        self._steps = (*self._steps[1 - _STEPS :], (seen / duration, max(expected, least) / duration))
-        if len(self._steps) < _STEPS:
-            return None
-        moves, shown = (median(map(abs, values)) for values in zip(*self._steps, strict=True))
-        # A position that arrives later than the speed moves in the old direction for a step after a reversal.
-        backwards = self._compares_signs and all(step < 0 for step, _ in self._steps)
-        return self._contradiction(-moves if backwards else moves, shown)
-
-    def _contradiction(self, seen: float, shown: float) -> tuple[FaultNumber, str] | None:
-        factor = seen / shown
-        if 1 / _WARNING <= factor <= _WARNING:
-            return None
-        rpm = SECONDS_PER_MINUTE / self._counts
-        text = f"6064h moves at {seen * rpm:.4g} rpm, 606Ch reports {shown * rpm:.4g} rpm: factor {factor:.3g}"
+    def _contradiction(self, difference: Difference) -> tuple[FaultNumber, str] | None:
+        rpm, factor = SECONDS_PER_MINUTE / self._counts, difference.factor
+        moved, shown = difference.moved * rpm, difference.shown * rpm
+        text = f"6064h moves at {moved:.4g} rpm, 606Ch reports {shown:.4g} rpm: factor {factor:.3g}"
         if not 1 / _FAULT <= factor <= _FAULT:
             return (
                 FaultNumber.VELOCITY,
                 f"{text}, opposite directions: check the polarity 607Eh" if factor < 0 else text,
             )
-        shares = [expected for _, expected in self._steps]
-        if self._warned or max(shares) > _STEADY * min(shares):
-            return None  # on a ramp, a position that arrives later than the speed causes a difference
+        if self._warned or not difference.constant:
+            return None
         self._warned = True
         return FaultNumber.VELOCITY_DEVIATES, text
-
-
-def shortest(step: int, span: int) -> int:
-    """Distance between two positions of a counter that wraps after ``span``."""
-    return (step + span // 2) % span - span // 2

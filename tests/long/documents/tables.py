@@ -19,15 +19,8 @@ from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.kinds import Alarm, AreaState, EncoderType, Operating, Warnings
 from pdgw.dsp406.objects import PROFILE, ProfileObject
 from pdgw.gateway.axis.demand_report import PowerWish
-from pdgw.gateway.axis.power_states import (
-    CONTROLWORDS,
-    LEAVE_TEXTS,
-    LINE_TEXTS,
-    ORDERS,
-    Action,
-    Drive,
-    Phase,
-)
+from pdgw.gateway.axis.orders import LEAVE_TEXTS, LINE_TEXTS, ORDERS
+from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, ORDER_ROWS, ROWS
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, GatewayFault, Reason
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES

@@ -37,8 +37,9 @@ from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Inter
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
+from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, PositionSpeed
 from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
-from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
+from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, VelocityCheck
 from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.modulo import Ring
@@ -123,9 +124,9 @@ OF: Final[dict[type, dict[str, Any]]] = {
             "_compared_at": _COMPARE_NS,
             "_grown_at": SAMPLE_NS,
             "_over_since": _OVERSPEED_NS,
-            "_position_ns": SAMPLE_NS,
         },
     },
+    PositionSpeed: {"INSTANTS": {"position_ns": SAMPLE_NS}},
     Inputs: {
         "ASIDE": frozenset({"now"}),
         "PASSING": frozenset(
