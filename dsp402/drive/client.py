@@ -133,6 +133,8 @@ class DriveClient(NodeClient[DriveSettings]):
         """The drive gets a position for each SYNC, no setpoint of its own."""
         self._is_off = False
         """The drive was without power when it was found."""
+        self.needs_last_stop: Callable[[int], bool] = lambda velocity: False
+        """Whether a drive that is found at this speed must get Disable Voltage: NMT stop has not stopped it."""
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
@@ -235,7 +237,8 @@ class DriveClient(NodeClient[DriveSettings]):
     def _make_safe(self) -> None:
         """A drive that still has power is stopped by SDO: it takes no RPDO, and need not stop in pre-operational (6007h).
 
-        Quick Stop, as the owner sends it to a drive that is lost. One that refuses is stopped by its RPDOs after the bring-up.
+        Quick Stop, as the owner sends it to a drive that is lost, or Disable Voltage. One that refuses is stopped by its RPDOs
+        after the bring-up.
         """
         state = state_of(self.sdo.read_urgently(*STATUSWORD))
         shown = "an unknown state" if state is None else state.value
@@ -244,12 +247,25 @@ class DriveClient(NodeClient[DriveSettings]):
             self._notify("off", shown)
             return
         stop = SdoStep(*CONTROLWORD, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
+        if self.needs_last_stop(self._read_speed()):
+            stop = SdoStep(*CONTROLWORD, CanType.U16, Command.DISABLE_VOLTAGE.word, "Disable Voltage")
         try:
             self.sdo.write_urgently(stop.index, stop.subindex, stop.data)
         except SdoAbortedError as error:
             self._notify("status", f"in {shown}, and rejects {stop.meaning} by SDO: {error}")
         else:
             self._notify("status", f"in {shown}: {stop.meaning} by SDO before it is configured")
+
+    def _read_speed(self) -> int:
+        """The actual speed; 0 if it cannot be read."""
+        if self.drive_type is None:
+            return 0
+        velocity = self.drive_type.entry("velocity_actual")
+        try:
+            value, half = self.sdo.read_urgently(*velocity.address), 1 << velocity.type.bits - 1
+        except SdoAbortedError:
+            return 0
+        return (value + half) % (2 * half) - half
 
     def _read_if_present(self, index: int, subindex: int) -> bytes | None:
         try:

@@ -297,6 +297,11 @@ class Interlock:
         self._commanded.withdraw(now)
         self._commanded.shown = None
 
+    def disable_voltage(self, now: int) -> None:
+        """The last stop replaces Quick Stop: no power until the drive shows that it is off, locked until an OFF."""
+        self.distrust(now)
+        self.phase = Phase.COAST
+
     def expects_operation(self, now: int) -> bool:
         """Operation is commanded, or was so shortly ago that the drive may show it now for the first time."""
         return self._commanded.enabling or now < self._commanded.late_until or self.phase is _PASS

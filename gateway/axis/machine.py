@@ -13,7 +13,7 @@ from typing import Final
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import CanopenError
-from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, StatusBit, enables
 from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
@@ -37,13 +37,14 @@ from pdgw.gateway.axis.executors.sensor import NO_SENSOR, DriveSensor, EncoderRe
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import DriveWords, TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.orders import Order
-from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive
-from pdgw.gateway.axis.settings import AxisSettings, Missing, SecondSensor, missing, needed_quantities
+from pdgw.gateway.axis.orders import Brake, Order
+from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
+from pdgw.gateway.axis.settings import AxisSettings, LastStop, Missing, SecondSensor, missing, needed_quantities
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
-from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, Brake, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
+from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
@@ -70,7 +71,8 @@ _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _PASS: Final = Action.PASS
 _HOLD: Final = PowerWish.HOLD
-_HALT: Final = Order.HALT
+_NO_ORDER, _ZERO, _HALT, _STANDSTILL = Order.NONE, Order.ZERO, Order.HALT, Order.STANDSTILL
+_MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
 _BRAKES: Final = {
     Brake.NONE: "the gateway commands Quick Stop",
     Brake.NMT_STOP: "the gateway has stopped the node (NMT)",
@@ -130,11 +132,21 @@ class AxisMachine:
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
         self.life = SignOfLifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
-        self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns, settings.enter_ns)
-        self._check = VelocityCheck(settings.stop_time_ns)
+        self._evidence = evidence = TorqueEvidence(self.inputs, self.outputs)
+        disables = settings.last_stop is LastStop.DISABLE_VOLTAGE
+        self._stop = StopWatch(
+            settings.reaction_ns, settings.stop_time_ns, settings.enter_ns, evidence, disables=disables
+        )
+        self._check = VelocityCheck(settings.stop_time_ns, evidence)
+        self._order: Order = Order.NONE
+        """That of the setpoint or of Halt, in operation."""
+        self._brakes = True
+        """A setpoint came inside the standstill window, or operation began, and the shaft has not been at standstill since."""
+        self._late = False
+        """The drive does not follow an order in time."""
         self.units_contradicted = False
         """Its speed contradicts its units, which count as unknown until an acknowledgement."""
-        self._follows_speed = kind is Kind.SPEED or kind is Kind.LOAD
+        self._follows_speed = kind in (Kind.SPEED, Kind.LOAD, Kind.TORQUE)
         self._needed = needed_quantities(self.telegram)
         self._converts = kind is Kind.POSITIONER or kind is Kind.DSC
         self.shows_codes = "FAULT_CODE" in self.telegram.actuals.names
@@ -184,6 +196,10 @@ class AxisMachine:
     def enters_since(self) -> int:
         """Since when the drive is Switched On and has to enter operation; 0 while it has not to."""
         return self._stop.began if self.interlock.cell.order is Order.ENTER else 0
+
+    def needs_last_stop(self, velocity: int) -> bool:
+        """Whether a drive that turns at this speed after an NMT stop must get Disable Voltage."""
+        return self.usable and self._stop.needs_last_stop(velocity, self._window, self.inputs.now)
 
     @property
     def fault_began(self) -> int:
@@ -264,6 +280,8 @@ class AxisMachine:
         self.in_fault = flags & SHOWN_FAULT != 0
         if inputs.unacknowledged:
             flags |= SHOWN_FAULT
+        if self._late:
+            flags &= ~Flag.WITHIN_TOLERANCE
         if self._node.unproven:
             self._node.step(inputs.now)
         outputs.warning = warning = self._warnings()
@@ -271,7 +289,7 @@ class AxisMachine:
 
     def _warnings(self) -> int:
         """P953."""
-        warning = self.outputs.warned | self._node.warning
+        warning = self.outputs.warned | self._node.warning | self._evidence.warning
         if self.inputs.drive_ok and self.inputs.feedback.statusword & StatusBit.WARNING:
             warning |= DEVICE_WARNING
         if self.inputs.set_point_refused:
@@ -291,32 +309,51 @@ class AxisMachine:
         """Speed and state of the drive, its stops in time, the end of a fault. ``commanded``: the Controlword that it has."""
         inputs, outputs, drive, cell = self.inputs, self.outputs, self._drive, self.interlock.cell
         feedback, command, action = inputs.feedback, outputs.command, cell.action
-        statusword = feedback.statusword
-        if known:
-            operating = action is _ENABLE_OPERATION or action is _PASS
-            target = command.target_velocity if self._follows_speed else None
+        statusword, velocity, now = feedback.statusword, feedback.velocity_actual, inputs.now
+        operating = action is _ENABLE_OPERATION or action is _PASS
+        if known and self._check.is_due(operating, velocity, now):
             found = self._check.step(
-                operating, target, feedback.velocity_actual, feedback.position_actual, inputs.position_ns, inputs.now
+                self.executor.speeds(), velocity, feedback.position_actual, inputs.position_ns, now
             )
+            self._order = self._order_in_operation(command)
+            self._late = self._stop.late or (self._check.apart and self.lags_since != 0)
+            if self._evidence.warning:
+                self._evidence.step()
             if found is not None:
                 self.units_contradicted = found[0] is FaultNumber.VELOCITY
                 outputs.found.append(found)
         shown = statusword & STATE_MASK if inputs.drive_ok else 0
         if shown != drive.shown:
-            drive.changed(self._node, shown, statusword, commanded, self.interlock, inputs.now)
+            drive.changed(self._node, shown, statusword, commanded, self.interlock, now)
             if inputs.drive_ok:
                 outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             elif enables(commanded):
                 outputs.known_off = False  # it may have received Enable Operation and not shown it
         if drive.fault_since:
-            drive.step(self._node, inputs.now)
+            drive.step(self._node, now)
         order = cell.order
-        if not order and action is _ENABLE_OPERATION and command.controlword & ControlBit.HALT:
-            order = _HALT
+        if order:
+            self._brakes, self._order = True, _NO_ORDER
+        elif action is _ENABLE_OPERATION:
+            order = self._order
         if order or self._stop.began >= 0:
             self._watch_stops(order)
         if self.demand.acknowledge or self.acknowledgement.waits:
             self._acknowledge()
+
+    def _order_in_operation(self, command: DriveCommand) -> Order:
+        """That of Halt, or of a speed setpoint inside the standstill window."""
+        if self._follows_speed:
+            window = self._window
+            if not -window <= command.target_velocity <= window:
+                self._brakes = True
+            elif self.inputs.standstill:
+                self._brakes = False
+            elif self._brakes:
+                return _ZERO
+        elif command.controlword & ControlBit.HALT:
+            return _STANDSTILL if self.outputs.warned & _MOVES else _HALT
+        return _NO_ORDER
 
     def _acknowledge(self) -> None:
         """The fault buffer moves on when the PLC acknowledged, and the drive has left its fault."""
@@ -337,7 +374,7 @@ class AxisMachine:
         velocity, position = feedback.velocity_actual, feedback.position_actual
         if order is Order.ENTER or (order and not outputs.known_off):
             state = STATE_OF_STATUS[feedback.statusword & STATE_MASK]
-            disobeys = stop.step(
+            fault = stop.step(
                 order,
                 state,
                 inputs.drive_ok,
@@ -348,13 +385,18 @@ class AxisMachine:
                 window,
                 now,
             )
-            if disobeys:
-                self._report_stop(order)
+            if fault is not None:
+                self._report_stop(order, fault)
+            if stop.last and self.interlock.phase is not Phase.COAST:
+                self.interlock.disable_voltage(now)
         elif stop.began >= 0:
             if not outputs.known_off or not inputs.drive_ok:
                 stop.over()
             elif stop.coast(velocity, window, now):
                 outputs.found.append((FaultNumber.TURNS_OFF, f"speed {velocity}"))
+        if stop.late and inputs.standstill:
+            stop.late = False
+        self._late = stop.late
         outputs.brake = stop.brake
 
     def _write_notes(self, reason: Reason | None) -> None:
@@ -370,16 +412,20 @@ class AxisMachine:
                 outputs.fault(gateway_fault(number, detail, self.inputs.now))
             outputs.found.clear()
 
-    def _report_stop(self, order: Order) -> None:
+    def _report_stop(self, order: Order, number: FaultNumber) -> None:
         """The drive does not follow an order: the next brake, and a fault."""
         if order in QUICK_STOPS:
             self.interlock.distrust(self.inputs.now)
-        number = FaultNumber.NOT_ENTERED if order in (Order.ENTER, Order.DISABLE) else FaultNumber.STOP_IGNORED
+        if number is FaultNumber.VELOCITY:
+            self.units_contradicted = True
         feedback, velocity = self.inputs.feedback, self.inputs.feedback.velocity_actual
         speed = f"{float(velocity / self._per_rpm):g} rpm" if self._per_rpm else f"speed {velocity}"
         after = f"{speed} after {(self.inputs.now - self._stop.began) / SECOND:.1f} s"
         words = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h"
-        detail = f"{after}, {_BRAKES[self._stop.brake]} ({words})"
+        brake = _BRAKES[self._stop.brake]
+        if self._stop.last:
+            brake = f"{brake}, Disable Voltage" if self._stop.brake else "the gateway commands Disable Voltage"
+        detail = f"{after}, {brake} ({words})"
         if order is Order.ENTER:
             shown = f"Enable Operation, Statusword {feedback.statusword:04X}h"
             detail = f"{after} of {shown}; check safe torque off (STO), the enable input and the brake of the drive"

@@ -108,6 +108,15 @@ class SetpointEnable(enum.Enum):
     """Bit 4 or 6 = 0: Target Velocity 0; bit 5 = 0: hold (the profile's)."""
 
 
+class LastStop(enum.Enum):
+    """``last_stop``: what a drive gets that no Quick Stop and no NMT stop has stopped."""
+
+    DISABLE_VOLTAGE = "disable-voltage"
+    """The shaft coasts, or its brake stops it."""
+    NONE = "none"
+    """Nothing: the load can fall, and the drive does not close its brake when its power goes."""
+
+
 class SecondSensor(enum.Enum):
     """``g2``: source of G2 in telegrams 4, 6, 103 and 106."""
 
@@ -146,6 +155,7 @@ class AxisSettings:
     """Time from 100 % speed to standstill with the drive's own ramps."""
     enter_ns: int = 10 * SECOND
     """Longest time from Enable Operation to Operation Enabled: a brake and the search of the commutation angle take less."""
+    last_stop: LastStop = LastStop.DISABLE_VOLTAGE
     stall_ns: int = 2 * SECOND
     """An axis that expects the end of its motion and makes no way for this time has stalled."""
     sign_of_life_failures: int = MONITORING_OFF

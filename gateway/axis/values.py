@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
 
 

@@ -17,7 +17,14 @@ from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.identification.overlay import add_family, overlay
 from pdgw.dsp402.pdo.layouts import PdoLayout
 from pdgw.dsp402.units.mechanics import UnitKeys, check_unit_keys, unit_object
-from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
+from pdgw.gateway.axis.settings import (
+    AxisSettings,
+    ControlLost,
+    LastStop,
+    PlcLossReaction,
+    SecondSensor,
+    SetpointEnable,
+)
 from pdgw.gateway.axis.telegrams import (
     CENTRAL_TELEGRAM_NUMBERS,
     DRIVE_TELEGRAM_NUMBERS,
@@ -92,6 +99,7 @@ class AxisConfig(DriveObjectSection):
     control_lost: ControlLost = _AXIS.control_lost
     stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = _AXIS.stop_time_ns // MS
     """Time from 100 % speed to standstill with the drive's own ramps (6084h, 6085h)."""
+    last_stop: LastStop = _AXIS.last_stop
     modulo_axis: Boolean = _AXIS.modulo_axis
     intermediate_stop_reached: Boolean = _AXIS.intermediate_stop_reached
     simulate: Simulated = False
@@ -200,6 +208,7 @@ class AxisConfig(DriveObjectSection):
             self.standstill_window_percent,
             self.control_lost,
             stop_time_ns=self.stop_time_ms * MS,
+            last_stop=self.last_stop,
             jog_speeds_rpm=self.jog_speeds_rpm,
             g1_is_encoder=self.g1 is not None,
             second_sensor=self._second_sensor,

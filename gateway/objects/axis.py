@@ -19,8 +19,8 @@ from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_o
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
-from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
 from pdgw.gateway.base.store import ConfirmedUnits
@@ -95,6 +95,7 @@ class Axis(DriveObject):
     def _make_machine(self, number: int) -> AxisMachine:
         machine = AxisMachine(number, self._settings, self.drive.feedback)
         machine.tolerate(self.sign_of_life_tolerance)
+        self.drive.needs_last_stop = machine.needs_last_stop
         return machine
 
     def connect_sensor(self, encoder: EncoderObject, place: int) -> None:

@@ -15,7 +15,7 @@ from pdgw.ds301.communication import NMT, NmtCommand, NmtState
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.states import State
-from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.udp import UdpSocket

@@ -17,6 +17,7 @@ from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
 from pdgw.gateway.motion.dsc_setpoint import Dsc, DscChoices, DscForm, DscSettings, wrapped
+from pdgw.gateway.motion.modulo import difference
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.profidrive.datatypes import DataType, n4
 from pdgw.profidrive.normalisation import Normalisation
@@ -151,6 +152,15 @@ class DscExecutor(Executor):
         else:
             self._travel(result.velocity)
         return result.reason
+
+    def speeds(self) -> tuple[int, int]:
+        """The speed setpoint; with a target position also the present speed, as far as XERR is a way in its direction."""
+        velocity, actual, dsc = self._velocity, self.feedback.velocity_actual, self.dsc
+        if dsc is None or (setpoint := dsc.setpoint).target is None:
+            return velocity, velocity
+        numerator, denominator = self._way
+        way = difference(setpoint.target, setpoint.sent[0]) * denominator // numerator
+        return min(velocity, max(way, min(actual, 0))), max(velocity, min(way, max(actual, 0)))
 
     def _freeze(self, dsc: Dsc) -> None:
         """Continue with the demand speed from the moment STW1.5 fell; XERR and KPC are ignored, DSC starts again afterwards."""

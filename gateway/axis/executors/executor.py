@@ -95,6 +95,10 @@ class Executor:
         interlock, or its own."""
         raise NotImplementedError
 
+    def speeds(self) -> tuple[int, int] | None:
+        """The lowest and the highest speed that the drive may have by its setpoints, in its units; None: they do not say."""
+        return None
+
     def limited(self, conversion: Normalisation, wire: int) -> int:
         """A fraction in the drive's units; one that a limit cuts is counted."""
         value = conversion.to_value(wire)

@@ -26,6 +26,8 @@ _FREEZE: Final = SpeedWish.FREEZE
 _ZERO: Final = SpeedWish.ZERO
 _JOGS: Final = (SpeedWish.JOG_1, SpeedWish.JOG_2)
 _REACHED: Final = Flag.REACHED
+_NEAR: Final = 20
+"""Divisor of the setpoint: a speed that is further away has not reached it, if it is outside the standstill window too."""
 _UNREPORTED: Final = (Mode.VL_VELOCITY, Mode.CYCLIC_VELOCITY)
 
 
@@ -52,7 +54,7 @@ class SpeedExecutor(Executor):
         """The jog that was begun at standstill, or FREEZE: the ramp is frozen, with the target of its first cycle."""
         self._range = (0, 0)
         """Range of Target Velocity."""
-        self._tolerance = 0
+        self._tolerance = self._near = 0
         self._unreported = False
         """The mode has no "target reached" (CiA 402: bit 10 is reserved in vl and csv): the actual speed decides."""
         self._limit = LimitWatch()
@@ -76,6 +78,7 @@ class SpeedExecutor(Executor):
         self._mode_bits = drive.speed_bits
         self._unreported = drive.speed_mode in _UNREPORTED
         self._tolerance = int(reference) * TOLERANCE_PERCENT // 100
+        self._near = max(1, int(reference * self.settings.standstill_window))
         jogs = self.settings.jog_speeds_rpm
         if jogs is not None:
             unit = known(drive.scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit")
@@ -128,6 +131,10 @@ class SpeedExecutor(Executor):
             flags |= Flag.WITHIN_TOLERANCE
         return Report(reason, flags, 0 if actual is None else actual.to_wire(feedback.velocity_actual))
 
+    def speeds(self) -> tuple[int, int]:
+        target = self.command.target_velocity
+        return target, target
+
     def _replace_setpoint(self, wish: SpeedWish) -> Reason | None:
         """The target without the PLC's setpoint."""
         if wish is _FREEZE:
@@ -149,11 +156,14 @@ class SpeedExecutor(Executor):
         if target != self._sent:
             self._sent = target
             self._arrival.command(now)
-        near = -self._tolerance <= velocity - target <= self._tolerance
+        apart = velocity - target
+        near = -self._tolerance <= apart <= self._tolerance
         said = near if self._unreported else statusword & _REACHED != 0
         answered = self._arrival.read(said, now)
         if not said or not (answered or near) or self.interlock.cell.action is not _ENABLE_OPERATION:
             return False
+        if not near and abs(apart) > max(self._near, abs(target) // _NEAR):
+            return False  # the bit is stuck, or older than the setpoint
         own = self._begun is not _FREEZE and not (self._limited and self._asked.speed_wish is _FOLLOW)
         return own and target == self._target
 

@@ -2,24 +2,27 @@
 
 ``orders.ORDERS`` has the state that must end and the line under which the speed must be. Otherwise the drive gets Quick
 Stop, or NMT stop if a stop is commanded already. If the node does not confirm that, the gateway's heartbeat is withheld, so that
-the abort option 6007h of the drive is the last brake. Source: docs/safety.md.
+the abort option 6007h of the drive stops it. A drive that becomes faster under Quick Stop, or that NMT stop has not stopped, gets
+Disable Voltage. Source: docs/safety.md.
 """
 
 from __future__ import annotations
 
-import enum
 from typing import Final
 
-from pdgw.base.durations import SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.drive_type import POSITIONS
 from pdgw.dsp402.states import State
-from pdgw.gateway.axis.orders import ORDERS, Leave, Line, Order
-from pdgw.gateway.axis.supervision.position_speed import shortest
+from pdgw.gateway.axis.orders import ORDERS, Brake, Leave, Line, Order
+from pdgw.gateway.axis.supervision.growth import STEPS, Growth
+from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, shortest
+from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
+from pdgw.gateway.base.reasons import FaultNumber
 
 RAMP_MARGIN: Final = 2
 """Factor on the stop time of the drive."""
-QUICK_STOPS: Final = (Order.ENTER, Order.DISABLE, Order.HALT)
-"""Limits with Quick Stop as their brake: it was not commanded yet."""
+QUICK_STOPS: Final = tuple(order for order, row in ORDERS.items() if order and not row.stops)
+"""Orders with Quick Stop as their brake: it was not commanded yet."""
 _MUST_END: Final = {
     Order.ENTER: (State.SWITCHED_ON,),
     Order.DISABLE: (State.OPERATION_ENABLED,),
@@ -30,34 +33,32 @@ _MUST_END: Final = {
 """States that must end in time."""
 _SLOWER: Final = 0.95
 """A shaft that coasts loses this share of its speed in the time of a stop."""
+_HALTED: Final = 10
+"""Under Halt, an axis without a task must stay slower than 100 % speed divided by this."""
+_OVER_NS: Final = 500 * MS
+"""A speed above that for this time is not an overshoot."""
 _JERK: Final = 7
 """A ramp without a linear part that takes twice the stop time has left the standstill window (1 %) after this part of the stop
 time."""
-
-
-class Brake(enum.IntEnum):
-    """Stops beside the Controlword."""
-
-    NONE = 0
-    NMT_STOP = 1
-    WITHHOLD_HEARTBEAT = 2
 
 
 class StopWatch:
     """One axis. Call ``step`` in each cycle with an order, and ``coast`` after it while the drive shows power off.
 
     Times in nanoseconds. ``reaction_ns``: in which a command has an effect. ``stop_time_ns``: from 100 % speed to standstill.
-    ``enter_ns``: in which a brake opens or closes.
+    ``enter_ns``: in which a brake opens or closes. ``disables``: Disable Voltage is the last stop.
     """
 
-    def __init__(self, reaction_ns: int, stop_time_ns: int, enter_ns: int) -> None:
+    def __init__(
+        self, reaction_ns: int, stop_time_ns: int, enter_ns: int, evidence: TorqueEvidence, *, disables: bool
+    ) -> None:
         self._reaction = reaction_ns
         self._stop_time = stop_time_ns
         self._enter = enter_ns
+        self._evidence = evidence
+        self._disables = disables
         self._stopped_within = reaction_ns + RAMP_MARGIN * stop_time_ns
         """Time in which a drive has stopped from 100 % speed, with margin."""
-        self._halted_within = max(self._stopped_within, enter_ns)
-        """In less time, noise may hide the slow ramp of the PLC."""
         self.set_drive(0, 0.0, POSITIONS)
         self.brake: Brake = Brake.NONE
         self.order: Order = Order.NONE
@@ -66,8 +67,13 @@ class StopWatch:
         """When the stop was commanded first, or the speed of a drive without power fell last; -1 while no stop is watched."""
         self._speed = 0
         """The speed from which the drive brakes."""
-        self._fell = -1
-        """When the speed fell last under Halt."""
+        self._at = 0
+        """When ``step`` was called last."""
+        self._fell = self._slow = -1
+        """When the speed fell last under Halt, and when it was last below what Halt allows without a task."""
+        self._growth = Growth(SAMPLE_NS)
+        """Of the speed under Halt, and under Quick Stop."""
+        self._stop_growth = Growth(reaction_ns // STEPS)
         self._leave: Leave = Leave.NONE
         self._ignored: State | None = None
         self._ignored_since = -1
@@ -82,6 +88,10 @@ class StopWatch:
         """When the NMT stop was sent; -1: the node has reported NMT Stopped. The next bring-up ends this state."""
         self._nmt_tried = False
         """An NMT stop was of no use: the drive was not off when it was there again."""
+        self.last = False
+        """The last stop: the drive must get Disable Voltage."""
+        self.late = False
+        """The drive did not follow an order in time, and has not stopped since."""
 
     def set_drive(self, reference: int, counts_per_unit: float, span: int) -> None:
         """Set 100 % speed in the drive's units, position units a second of one velocity unit (0: unknown), and the number of
@@ -93,11 +103,11 @@ class StopWatch:
     def over(self) -> None:
         """The drive is off, or follows the PLC again."""
         self._restart()
-        self._nmt_tried = False
+        self._nmt_tried = self.last = self.late = False
 
     def _restart(self) -> None:
         self.order = Order.NONE
-        self.began = self._fell = -1
+        self.began = self._fell = self._slow = -1
         self._speed = 0
         self.brake = Brake.NONE
         self._left()
@@ -118,8 +128,8 @@ class StopWatch:
         position_ns: int,
         window: int,
         now: int,
-    ) -> bool:
-        """One cycle of an order; True if the drive does not follow it in time.
+    ) -> FaultNumber | None:
+        """One cycle of an order; the fault, once, if the drive does not follow it in time.
 
         ``state``: what the drive shows. ``seen``: its values are fresh. ``node_stopped``: its heartbeat reports Stopped.
         ``velocity``: actual speed, standstill within ``window``. ``position`` came at ``position_ns``. ``now``: monotonic
@@ -129,6 +139,7 @@ class StopWatch:
             if order in QUICK_STOPS or self.order in QUICK_STOPS:
                 self._restart()
             self.order = order
+        speed, line = abs(velocity), ORDERS[order].line
         if self.brake is Brake.NMT_STOP:
             if node_stopped:
                 self._braked = -1
@@ -136,27 +147,58 @@ class StopWatch:
                 if now - self._braked >= self._reaction:
                     self.brake = Brake.WITHHOLD_HEARTBEAT
             elif seen:
+                if self.needs_last_stop(velocity, window, now):
+                    self.brake = Brake.WITHHOLD_HEARTBEAT
+                    self.last = self.late = True
+                    return FaultNumber.STOP_IGNORED
                 self._restart()
                 self.order = order
                 self._nmt_tried = True
         if self.brake is not Brake.NONE or not seen:
-            return False
-        speed = abs(velocity)
+            return None
         if self.began < 0:
-            self.began, self._speed = now, speed
+            self.began = self._at = now
+            self._speed = speed
+            self._growth.restart(speed, now)
+            self._stop_growth.restart(speed, now)
+            self._slow = now
         elif now - self.began <= self._reaction:
             self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
-        stays = self._stays(order, state, speed <= window, position, position_ns, window, now)
-        disobeys = stays or self._turns(ORDERS[order].line, speed, window, now)
-        if disobeys and order not in QUICK_STOPS:
-            self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
-            self._braked = now
-        return disobeys
+            if order is Order.HALT:
+                self._growth.restart(speed, now)
+        if order is Order.ZERO:
+            self.began += self._evidence.spares(-window, window, now - self._at)
+        self._at = now
+        fault: FaultNumber | None = None
+        if self._grows(order, speed, window, now):
+            fault = FaultNumber.VELOCITY
+        elif self._stays(order, state, speed <= window, position, position_ns, window, now) or self._turns(
+            line, speed, window, now
+        ):
+            fault = ORDERS[order].fault
+        if fault is None:
+            return None
+        self.late = True
+        if order not in QUICK_STOPS:
+            if fault is FaultNumber.VELOCITY and self._disables and not self.last:
+                self.last = True  # a runaway has a broken loop, which NMT stop does not open
+                self._left()
+            else:
+                self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
+                self._braked = now
+            return FaultNumber.STOP_IGNORED
+        return fault
+
+    def needs_last_stop(self, velocity: int, window: int, now: int) -> bool:
+        """Whether a drive that the NMT stop should have stopped turns faster than it may at this time of its stop."""
+        braking = now - self.began - self._reaction
+        tried = self.brake is not Brake.NONE and self.began >= 0
+        return self._disables and tried and abs(velocity) > max(window, self._ramp(max(0, braking)))
 
     def coast(self, velocity: int, window: int, now: int) -> bool:
         """One cycle after a stop, with a drive that shows power off. True, once, if it turns and does not become slower."""
         self.brake = Brake.NONE
-        self._nmt_tried = self.waits = False
+        self._nmt_tried = self.waits = self.last = False
         speed = abs(velocity)
         if speed <= window or self.order is Order.ENTER:
             self.over()
@@ -169,24 +211,33 @@ class StopWatch:
 
     # -- the speed ------------------------------------------------------------------------------------------------------
 
+    def _grows(self, order: Order, speed: int, window: int, now: int) -> bool:
+        """Whether the drive becomes faster although Halt or Quick Stop is commanded."""
+        if order is Order.STOP:
+            return self._stop_growth.step(speed, window, now)
+        if order is not Order.HALT and order is not Order.STANDSTILL:
+            return False
+        if order is Order.HALT or speed <= self.reference // _HALTED:
+            self._slow = now
+        return self._growth.step(speed, window, now) or now - self._slow >= _OVER_NS
+
     def _turns(self, line: Line, speed: int, window: int, now: int) -> bool:
         """Whether the speed is above its line."""
         since = now - self.began
         if speed <= window:
-            if line is Line.PLC:
+            if line is Line.HALT:
                 self._restart()  # the next motion has its own time
             return False
         if line is Line.RAMP:
             return since > self._reaction and speed > self._ramp(since - self._reaction)
+        lost = max(window, int((1 - _SLOWER) * self._speed))
         if line is Line.DRIVE:
             lost = max(window, int((1 - _SLOWER) * self._speed * since / self._stop_time))
             return since > self._reaction + self._stop_time // _JERK and speed > self._speed - lost
-        if line is Line.PLC:
-            if since <= self._halted_within:
-                self._speed, self._fell = max(speed, self._speed), now
-            elif speed < self._speed:
-                self._speed, self._fell = speed, now
-            return now - self._fell > self._halted_within
+        if line is Line.HALT:
+            if since <= self._reaction or speed <= self._speed - lost:
+                self._speed, self._fell = max(speed, self._speed) if since <= self._reaction else speed, now
+            return now - self._fell > self._stop_time
         return False
 
     def _ramp(self, braking: int) -> int:

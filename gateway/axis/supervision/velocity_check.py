@@ -10,10 +10,12 @@ from typing import Final
 
 from pdgw.base.durations import MS, SECONDS_PER_MINUTE
 from pdgw.dsp402.drive_type import Quantity, Scaling
+from pdgw.gateway.axis.supervision.growth import Growth
 from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, Difference, PositionSpeed
+from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.base.reasons import FaultNumber
 
-_COMPARE_NS: Final = 10 * MS
+_COMPARE_NS: Final = 20 * MS
 """Speeds are compared so often: the cycle has no time for more. The way they make is added up in every cycle."""
 _FAULT: Final = 5.0
 """Largest factor between position and speed, in either direction."""
@@ -23,10 +25,6 @@ _OVERSPEED_NS: Final = 500 * MS
 """A speed above it for this time is not an overshoot."""
 _GROWING: Final = 1.2
 """Speed, times the setpoint, from which growth is checked."""
-_GROWTH: Final = 1.01
-"""Smallest growth from one step to the next."""
-_GROWTH_STEPS: Final = 5
-"""Number of consecutive steps with growth."""
 _TOLERANCE: Final = 0.05
 """A speed that differs from its setpoint by this share follows it."""
 _RAMP_MARGIN: Final = 2
@@ -34,11 +32,13 @@ _RAMP_MARGIN: Final = 2
 
 
 class VelocityCheck:
-    """One axis. Call ``step`` in each cycle."""
+    """One axis. Call ``is_due`` in each cycle, and ``step`` when it says so."""
 
-    def __init__(self, stop_time_ns: int) -> None:
+    def __init__(self, stop_time_ns: int, evidence: TorqueEvidence) -> None:
         self._stop_time = stop_time_ns
+        self._evidence = evidence
         self._compared = PositionSpeed()
+        self._growth = Growth(SAMPLE_NS)
         self._counts = 0.0
         self._full = self._floor = 0
         self._restart()
@@ -65,48 +65,54 @@ class VelocityCheck:
         self._at = self._compared_at = -1
         self._compared.restart()
         self._target = 0
-        self._ceiling = 0.0
+        self._up = self._down = -1.0
+        """Highest speeds in both directions; -1 without a setpoint."""
         self._over_since = -1
+        self.apart = False
+        """The speed is not that of the setpoint."""
         self._apart = self._apart_at = 0
-        """The smallest difference to the setpoint since it last changed, and when it became so small; 0: none."""
-        self._grown = self._grown_at = self._grown_speed = 0
+        """The smallest difference to it since it last changed, and when it became so small."""
         self._warned = False
 
     def lags_since(self, now: int) -> int:
         """Since when the speed has not approached a setpoint that it does not have; 0 while it follows."""
-        return self._apart_at if self._apart and now - self._apart_at > _RAMP_MARGIN * self._stop_time else 0
+        return self._apart_at if self.apart and now - self._apart_at > _RAMP_MARGIN * self._stop_time else 0
 
-    def step(
-        self, operating: bool, target: int | None, velocity: int, position: int, position_ns: int, now: int
-    ) -> tuple[FaultNumber, str] | None:
-        """One cycle; what does not fit, when it is found. After ``FaultNumber.VELOCITY`` the units count as unknown.
-
-        ``operating``: the drive follows the PLC. ``target``: the speed it is sent, None where it follows something else.
-        ``position``, ``position_ns``: the newest 6064h and when it came, 0 never. Times are monotonic nanoseconds.
-        """
+    def is_due(self, operating: bool, velocity: int, now: int) -> bool:
+        """Call in each cycle. True if ``step`` has to be called in it. ``operating``: the drive follows the PLC."""
         compared = self._compared
         if not operating:
             if self._at >= 0:
                 self._restart()
-            return None
+            return False
         if self._at < 0:
-            self._ceiling = float(0 if target is None else abs(velocity))
             self._compared_at = now
         elif compared.position_ns:
             compared.way += velocity * (now - self._at)
         self._at = now
-        elapsed = now - self._compared_at
-        if 0 < elapsed < _COMPARE_NS:
-            return None
-        self._compared_at = now
+        return not 0 < now - self._compared_at < _COMPARE_NS
+
+    def step(
+        self, speeds: tuple[int, int] | None, velocity: int, position: int, position_ns: int, now: int
+    ) -> tuple[FaultNumber, str] | None:
+        """What does not fit, when it is found. After ``FaultNumber.VELOCITY`` the units count as unknown.
+
+        ``speeds``: the lowest and the highest that the drive is sent, None where it follows something else. ``position``,
+        ``position_ns``: the newest 6064h and when it came, 0 never. Times are monotonic nanoseconds.
+        """
+        compared = self._compared
+        elapsed, self._compared_at = now - self._compared_at, now
         if compared.position_ns:
             compared.note(velocity)
-        speed = abs(velocity)
-        if target is not None:
-            self._follow(target, abs(target - velocity), now)
-        text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
-        if text:
-            return FaultNumber.VELOCITY, text
+        if speeds is None:
+            self._up = self._down = -1.0
+        else:
+            low, high = speeds
+            if low == high:
+                self._follow(high, abs(high - velocity), now)
+            text = self._overspeed(low, high, velocity, elapsed, now)
+            if text:
+                return FaultNumber.VELOCITY, text
         if compared.counts_per_unit and position_ns - compared.position_ns >= SAMPLE_NS:
             difference = compared.compare(velocity, position, position_ns)
             return None if difference is None else self._contradiction(difference)
@@ -114,30 +120,36 @@ class VelocityCheck:
 
     def _follow(self, target: int, apart: int, now: int) -> None:
         """Note whether the speed approaches its setpoint."""
-        if apart <= max(self._floor, abs(target) * _TOLERANCE):
-            self._apart = 0
-        elif abs(target) != self._target or not self._apart or apart < self._apart - self._floor:
-            self._apart, self._apart_at = apart, now
+        if apart <= self._floor or apart <= abs(target) * _TOLERANCE:
+            self.apart = False
+        elif abs(target) != self._target or not self.apart or apart < self._apart - self._floor:
+            self.apart, self._apart, self._apart_at = True, apart, now
 
-    def _overspeed(self, target: int, speed: int, elapsed: int, now: int) -> str:
-        """606Ch above the setpoint for longer than an overshoot, or growing; a drive on its ramp down may take its time."""
+    def _overspeed(self, low: int, high: int, velocity: int, elapsed: int, now: int) -> str:
+        """606Ch beyond the setpoint for longer than an overshoot, or growing; a drive on its ramp down may take its time."""
+        floor = self._floor
+        if self._up < 0:
+            self._up, self._down = float(max(velocity, 0)), float(max(-velocity, 0))
+            self._growth.restart(abs(velocity), now)
         falls = self._full * elapsed / (_RAMP_MARGIN * self._stop_time)
-        self._ceiling = max(_OVERSPEED * target + self._floor, self._ceiling - falls)
-        if not target or speed <= self._ceiling:
+        up, down = self._up - falls, self._down - falls
+        highest = _OVERSPEED * high + floor if high > 0 else floor
+        lowest = floor - _OVERSPEED * low if low < 0 else floor
+        up, down = highest if up < highest else up, lowest if down < lowest else down
+        if -floor <= low and high <= floor:
+            up = down = max(up, down)  # a load may swing back
+        self._up, self._down = up, down
+        if -down <= velocity <= up:
             self._over_since = -1
         elif self._over_since < 0:
             self._over_since = now
-        elif now - self._over_since >= _OVERSPEED_NS:
-            return f"606Ch is {speed} with a setpoint of {target}, above 150 %"
-        if target != self._target:
-            self._target = target
-            self._grown, self._grown_at, self._grown_speed = 0, now, speed
-        elif now - self._grown_at >= SAMPLE_NS:
-            grows = target and speed > _GROWING * target + self._floor and speed > _GROWTH * self._grown_speed
-            self._grown = self._grown + 1 if grows else 0
-            self._grown_at, self._grown_speed = now, speed
-            if self._grown >= _GROWTH_STEPS:
-                return f"606Ch is {speed} and keeps growing with a constant setpoint of {target}"
+        else:
+            self._over_since += self._evidence.spares(low - floor, high + floor, elapsed)
+            if now - self._over_since >= _OVERSPEED_NS:
+                return f"606Ch is {velocity} with a setpoint of {high if velocity > 0 else low}, above 150 %"
+        self._target = wanted = high if high > -low else -low
+        if self._growth.step(velocity if velocity > 0 else -velocity, _GROWING * wanted + floor, now):
+            return f"606Ch is {velocity} and keeps growing with a setpoint of {high if velocity > 0 else low}"
         return ""
 
     def _contradiction(self, difference: Difference) -> tuple[FaultNumber, str] | None:

@@ -135,7 +135,7 @@ def test_a_setpoint_that_waits_in_the_drive_is_not_overdue_before_the_motion_end
     hand(ON | ACTIVATE, POS_STW1=0)
     hand(ON | ACTIVATE, OPERATING | TAKEN)
     hand(ON | ACTIVATE)
-    hand.feedback.velocity_actual = 3000
+    hand.feedback.velocity_actual = hand.stepper.command.profile_velocity
     assert all(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(1000)), "the drive has one buffer"
     assert hand.stepper.reason is None
     hand.feedback.velocity_actual = 0

@@ -251,21 +251,32 @@ def test_drive_that_ignores_halt_gets_quick_stop(make: Make) -> None:
     words = [hand(ON & ~INTERMEDIATE | ACTIVATE) for _ in range(800)]
     first = next(at for at, word in enumerate(words) if not word & 0b100)
     assert words[1] & HALT
-    assert 700 <= first <= 720, "2 x (0.4 s + 2 x 0.5 s) in cycles of 4 ms"
+    assert 225 <= first <= 235, "0.4 s + 0.5 s in cycles of 4 ms"
     assert all(not word & 0b100 for word in words[first:]), "and until it is off"
     assert FaultNumber.STOP_IGNORED in hand.stepper.numbers
 
 
 def test_slow_ramp_after_halt_is_not_a_fault(make: Make) -> None:
-    """The deceleration is the PLC's choice: 1/3000 of the speed in each cycle, after a jerk limit that lets it rise."""
-    hand = running(make, stop_time_ns=500_000_000)
+    """The deceleration is the PLC's choice: 6 % of the speed in each stop time, after a jerk limit that lets it rise."""
+    hand = running(make, stop_time_ns=2 * SECOND)
     noise = Random(1)
     speed = hand.feedback.velocity_actual * 1000
     for cycle in range(6000):
-        speed = speed * 1001 // 1000 if cycle < 300 else speed * 2999 // 3000
-        hand.feedback.velocity_actual = speed // 1000 + round(noise.gauss(0, 20))
+        speed = speed * 1001 // 1000 if cycle < 90 else speed * 7999 // 8000
+        hand.feedback.velocity_actual = speed // 1000 + round(noise.gauss(0, 10))
         assert hand(ON & ~INTERMEDIATE | ACTIVATE) & 0b100
     assert not hand.stepper.events
+
+
+def test_ramp_after_halt_that_is_slower_than_the_stop_time_allows_gets_quick_stop(make: Make) -> None:
+    """4 % of the speed in each stop time."""
+    hand = running(make, stop_time_ns=2 * SECOND)
+    speed = hand.feedback.velocity_actual * 1000
+    for _ in range(1200):
+        speed = speed * 12499 // 12500
+        hand.feedback.velocity_actual = speed // 1000
+        hand(ON & ~INTERMEDIATE | ACTIVATE)
+    assert FaultNumber.STOP_IGNORED in hand.stepper.numbers
 
 
 # -- a mode of operation that is requested, not confirmed, and requested again later ------------------------------

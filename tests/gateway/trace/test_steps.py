@@ -10,7 +10,7 @@ import pytest
 
 from pdgw.base.durations import MS
 from pdgw.ds301.communication import STORE_PARAMETERS
-from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.values import Inputs, Outputs, SdoWrite
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.daemon.daemon import Daemon

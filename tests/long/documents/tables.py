@@ -419,7 +419,14 @@ def _power_table() -> Sequence[str]:
         for d, a, w, order in ORDER_ROWS
     )
     columns = (
-        (_name(order), LEAVE_TEXTS[item.leave], LINE_TEXTS[item.line], item.text) for order, item in ORDERS.items()
+        (
+            _name(order),
+            item.text,
+            LEAVE_TEXTS[item.leave],
+            LINE_TEXTS[item.line],
+            "" if not order else f"{int(item.fault)}, {'NMT stop' if item.stops else 'Quick Stop'}",
+        )
+        for order, item in ORDERS.items()
     )
     words = ("of the telegram" if a is Action.PASS else f"{CONTROLWORDS[a]:04X}h" for a in Action)
     return (
@@ -427,12 +434,13 @@ def _power_table() -> Sequence[str]:
         f"Phases: {', '.join(map(_name, Phase))}. Drive states: {', '.join(map(_name, Drive))}.",
         f"Requests: {', '.join(map(_name, PowerWish))}.\n",
         table(("command", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
-        "## Limits of time\n",
-        "What the drive shows must end in time under a command. The first matching row counts.\n",
-        table(("drive shows", "command", "requested", "limit"), limits),
-        "The drive must leave its state in time, and its speed must be inside the standstill window or below a line. The limit "
-        "`halt` is in force while Halt (CW.8) is commanded in operation.\n",
-        table(("limit", "leaves its state within", "line of the speed", "meaning"), columns),
+        "## Orders\n",
+        "Each order is watched until the shaft has followed it. The first matching row names the order of a command.\n",
+        table(("drive shows", "command", "requested", "order"), limits),
+        "In operation, `setpoint` is in force, and `halt` while Halt (CW.8) is commanded. A drive that does not leave its state "
+        "in time, or whose speed is above its line, has the fault, and gets the next stop. Speeds inside the standstill "
+        "window are below every line but that of `setpoint`.\n",
+        table(("order", "what must come", "leaves its state within", "line of the speed", "fault, next stop"), columns),
     )
 
 

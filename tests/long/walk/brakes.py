@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.orders import Brake
 from tests.long.rules import UNPOWERED, Rule, Seen, broken
 from tests.long.walk.plc import ENABLE
 from tests.long.walk.values import Output, Plc, Shown

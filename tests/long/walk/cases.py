@@ -163,9 +163,10 @@ class Case:
                 max_velocity=30_000,
                 max_acceleration=1000,
                 max_deceleration=1000,
+                jog_velocities=(-6144, 6144),
                 position_window=5,
                 homing_method=HOMING_METHOD,
-                blocks=(Block(0, position=1000, velocity=1000),),
+                blocks=(Block(0, position=1000, velocity=6144),),
             ),
         )
 

@@ -37,8 +37,10 @@ from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Inter
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
+from pdgw.gateway.axis.supervision.growth import Growth
 from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, PositionSpeed
-from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import _OVER_NS, QUICK_STOPS, StopWatch
+from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, VelocityCheck
 from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
@@ -105,12 +107,15 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "ASIDE": frozenset({"_unannounced", "fault_began", "fault_since"}),
         "SUPERVISION": frozenset({"shown"}),
     },
-    AxisMachine: {"PASSING": frozenset({"in_fault"})},
+    AxisMachine: {"PASSING": frozenset({"in_fault"}), "SUPERVISION": frozenset({"_late"})},
     StopWatch: {
         "WHILE": ("order", QUICK_STOPS),
+        # The time between two steps.
+        "ASIDE": frozenset({"_at"}),
         "INSTANTS": lambda item: {
-            "began": item._halted_within + 1,
-            "_fell": item._halted_within + 1,
+            "began": item._stopped_within + 1,
+            "_fell": item._stop_time + 1,
+            "_slow": _OVER_NS + 1,
             "_ignored_since": max(item._enter, item._stopped_within, item._reaction) + 1,
             "_braked": item._reaction,
             "_still_since": 1,
@@ -118,14 +123,16 @@ OF: Final[dict[type, dict[str, Any]]] = {
     },
     # A note is made of these, and no command.
     VelocityCheck: {
-        "ASIDE": frozenset({"_apart", "_apart_at"}),
+        "ASIDE": frozenset({"apart", "_apart", "_apart_at"}),
         "INSTANTS": {
             "_at": SAMPLE_NS,
             "_compared_at": _COMPARE_NS,
-            "_grown_at": SAMPLE_NS,
             "_over_since": _OVERSPEED_NS,
         },
     },
+    # No speed of the walk grows in five steps.
+    Growth: {"ASIDE": frozenset({"*"})},
+    TorqueEvidence: {"INSTANTS": {"_excused_at": SECOND}},
     PositionSpeed: {"INSTANTS": {"position_ns": SAMPLE_NS}},
     Inputs: {
         "ASIDE": frozenset({"now"}),

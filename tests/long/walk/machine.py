@@ -7,9 +7,10 @@ from collections.abc import Hashable, Iterable, Sequence
 from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.profidrive.sign_of_life import following
@@ -107,7 +108,7 @@ class Transducer:
             command.controlword,
             command.target_velocity,
             command.modes_of_operation,
-            outputs.actuals[0],
+            outputs.actuals[0] & ~Flag.WITHIN_TOLERANCE,  # of which the supervision may remove it
             "" if outputs.reason is None else outputs.reason.name,
             any(
                 fault.number == FaultNumber.ENABLE_UNASKED

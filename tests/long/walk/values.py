@@ -6,7 +6,7 @@ import enum
 from collections.abc import Hashable
 from typing import NamedTuple, TypeVar
 
-from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.orders import Brake
 
 Item = TypeVar("Item", bound=Hashable)
 

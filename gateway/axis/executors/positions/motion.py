@@ -13,6 +13,7 @@ from typing import ClassVar, Final
 from pdgw.base.durations import SECOND
 from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.dsp402.drive_type import POSITIONS, DriveType, Scaling
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import STATE_MASK, MotionDemand, Report
@@ -44,6 +45,7 @@ _FUNCTION_BITS: Final = tuple(
 )
 """Bits of STW1 by command."""
 _RAMPS = (Action.RAMP, Action.RAMP_END)
+_VELOCITY_MODE: Final = Mode.VELOCITY.value
 _STALLED: Final = warning_bits(FaultNumber.STALLED)
 _MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
 _NOT_ACKNOWLEDGED: Final = warning_bits(FaultNumber.NOT_ACKNOWLEDGED)
@@ -106,6 +108,12 @@ class MotionExecutor(Executor):
         self._stopped_by_halt = _NONE
         self._bits = 0
         """Controlword bits of the setpoint given last, beside CW.4."""
+        self._last_velocity = 0
+        """6081h before that setpoint."""
+        self._has_velocity = False
+        """The drive has 6081h: its tasks have the speed that they are given."""
+        self._rested = False
+        """The axis was at rest without Halt, and no motion has begun since."""
         self._attained = 0
         """Cycles since the drive said that it has its zero."""
 
@@ -113,6 +121,7 @@ class MotionExecutor(Executor):
         self.homing.method = homing_method
         self.homing.methods = frozenset(drive.homing_methods)
         self._target_range = drive.limits("target_position")
+        self._has_velocity = drive.has("profile_velocity")
         scaling = self._drive_scaling = drive.scaling
         self._ends = None if scaling.position_wraps else scaling.position_range
         ring = self._ring_of(scaling)
@@ -175,6 +184,17 @@ class MotionExecutor(Executor):
         """The drive has new coordinates."""
         self._ring.reset()
         self.positioner.forget_home()
+
+    def speeds(self) -> tuple[int, int] | None:
+        command, mode, seen = self.command, self._mode, self._seen
+        if mode.mode != mode.base:
+            return (command.target_velocity, command.target_velocity) if mode.mode == _VELOCITY_MODE else None
+        if not self._has_velocity or command.controlword & HALT:
+            return None
+        highest = command.profile_velocity
+        if seen.executing != seen.given:
+            highest = max(highest, self._last_velocity)  # of a task before, which the drive may still execute
+        return -highest, highest
 
     def refuse(self) -> Report:
         self._stop()
@@ -336,10 +356,13 @@ class MotionExecutor(Executor):
             outputs.reason = reason
 
     def _rest(self) -> int:
-        """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
+        """Without a function: Halt while the axis turns, and until the next function if it turns again without Halt."""
+        if self._rested and not self.inputs.standstill and self._mode.shows_base():
+            self._stopped_by_halt = _CONTINUED
         if not self._stays_halted() and self._rests:
             if self._halted and self._shows_reached:
                 self._stopped_by_halt = _ENDED
+            self._rested = True
             return 0
         return self._halt()
 
@@ -382,8 +405,10 @@ class MotionExecutor(Executor):
         self._bits = 0
         self._arrival.command(self.inputs.now)
 
-    def _set_point(self, target: int, bits: int) -> None:
+    def _set_point(self, target: int, velocity: int, bits: int) -> None:
         """The handshake begins with this target; the last unit may end beyond what the object can hold."""
+        self._last_velocity = self.command.profile_velocity
+        self.command.profile_velocity = velocity
         low, high = self._target_range
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
@@ -418,6 +443,7 @@ class MotionExecutor(Executor):
     def _end_stopped_setpoint(self) -> None:
         """The drive has no stopped setpoint any more."""
         self._stopped_by_halt = _NONE
+        self._rested = False
         self.outputs.end_warnings(_MOVES)
 
     def _stays_halted(self) -> bool:

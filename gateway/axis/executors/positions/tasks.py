@@ -347,6 +347,7 @@ class PositionerExecutor(MotionExecutor):
             self._set_ramps(motion, units)
             self.command.target_velocity = self._velocity(motion, units)
             seen.given = seen.taken = seen.executing = motion.serial
+            self._rested = False
 
     def _send_setpoint(self, motion: Motion, units: LengthUnits) -> None:
         """Send a setpoint when the drive is free for it and has the torque limit."""
@@ -356,9 +357,8 @@ class PositionerExecutor(MotionExecutor):
         if not self._torque.holds(motion.torque):
             self.outputs.reason = Reason.TORQUE_LIMIT
             return
-        command = self.command
         self._set_ramps(motion, units)
-        command.profile_velocity = self._velocity(motion, units)
+        velocity = self._velocity(motion, units)
         goal = motion.goal
         relative = goal.distance is not None
         target = units.to_drive(goal.target if goal.distance is None else goal.distance)
@@ -366,7 +366,7 @@ class PositionerExecutor(MotionExecutor):
         if self._crosses(motion):
             if self._anchored != motion.serial:
                 self._anchored = motion.serial
-                self._set_point(ring.position, ControlBit.CHANGE_IMMEDIATELY)
+                self._set_point(ring.position, velocity, ControlBit.CHANGE_IMMEDIATELY)
                 return
             relative = True
             target -= ring.near(ring.position)
@@ -374,7 +374,7 @@ class PositionerExecutor(MotionExecutor):
             first, last = ring.turn  # the last unit may end beyond it
             target = max(first, min(target, last)) - ring.base
         immediate = 0 if motion.serial == self._travel.queued else ControlBit.CHANGE_IMMEDIATELY
-        self._set_point(target, immediate | (ControlBit.RELATIVE if relative else 0))
+        self._set_point(target, velocity, immediate | (ControlBit.RELATIVE if relative else 0))
         self._seen.given = motion.serial
 
     def _home_axis(self, motion: Motion) -> int:

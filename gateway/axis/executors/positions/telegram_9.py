@@ -193,14 +193,13 @@ class PositioningExecutor(MotionExecutor):
 
     def _send_setpoint(self, motion: Motion, goal: Goal) -> None:
         command = self.command
-        command.profile_velocity = goal.velocity
         command.profile_acceleration, command.profile_deceleration = goal.acceleration, goal.deceleration
         target = goal.target if goal.distance is None else goal.distance
         if goal.distance is None and self._is_relative(goal):
             target -= self._resumed_at
         elif goal.distance is None and (self._turntable or self._ends is None):
             target = self._ring.shown(target)
-        self._set_point(target, self._bits_of(goal))
+        self._set_point(target, goal.velocity, self._bits_of(goal))
         self._seen.given = motion.serial
 
     def _is_relative(self, goal: Goal) -> bool:

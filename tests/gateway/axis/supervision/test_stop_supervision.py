@@ -5,11 +5,14 @@ from __future__ import annotations
 import pytest
 
 from pdgw.base.durations import SECOND
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive_type import POSITIONS
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit, enables
-from pdgw.gateway.axis.orders import Order
-from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.axis.supervision.stop_supervision import Brake, StopWatch
-from pdgw.gateway.axis.values import Configured
+from pdgw.gateway.axis.orders import Brake, Order
+from pdgw.gateway.axis.settings import AxisSettings, LastStop, PlcLossReaction
+from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
+from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
+from pdgw.gateway.axis.values import Configured, Inputs, Outputs
 from pdgw.gateway.base.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.rig import Rig
@@ -19,6 +22,7 @@ CYCLE = 4_000_000
 REACTION = AxisSettings().reaction_ns
 ENTER = AxisSettings().enter_ns
 TURNING = 3000
+FULL = 6000
 
 
 def turning(**settings: object) -> Bench:
@@ -38,9 +42,17 @@ def without_reaction(bench: Bench, word: int | None, cycles: int) -> Brake:
     return bench.stepper.machine.outputs.brake
 
 
+def made_watch(reaction: int, stop_time: int, enter: int, *, disables: bool = True) -> StopWatch:
+    """Of a drive that shows no limit."""
+    evidence = TorqueEvidence(Inputs(DriveFeedback()), Outputs(0, None))
+    watch = StopWatch(reaction, stop_time, enter, evidence, disables=disables)
+    watch.set_drive(FULL, 0.0, POSITIONS)
+    return watch
+
+
 def watched(watch: StopWatch, order: Order, state: State | None, now: int, velocity: int = 0) -> bool:
-    """One cycle with a drive whose position does not come."""
-    return watch.step(order, state, True, False, velocity, 0, 0, 30, now)
+    """One cycle with a drive whose position does not come; whether it is late."""
+    return watch.step(order, state, True, False, velocity, 0, 0, 30, now) is not None
 
 
 def numbers(bench: Bench) -> list[int]:
@@ -58,7 +70,7 @@ def test_drive_that_ignores_a_stop_gets_nmt_stop_and_one_fault(word: int | None)
 
 def test_quick_stop_is_supervised_by_speed_while_the_statusword_changes() -> None:
     """An invalid Statusword from time to time restarts the reaction time of Operation Enabled, but not that of the speed."""
-    watch = StopWatch(REACTION, CYCLE, ENTER)
+    watch = made_watch(REACTION, CYCLE, ENTER)
     watch.reference = TURNING
     at = range(0, 2 * REACTION, REACTION // 4)
     found = [
@@ -96,8 +108,56 @@ def test_heartbeat_continues_during_bring_up_after_nmt_stopped() -> None:
     assert without_reaction(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
 
 
-def test_heartbeat_is_withheld_if_the_drive_turns_after_nmt_stop_and_bring_up() -> None:
+def test_drive_above_its_line_after_nmt_stop_and_bring_up_gets_disable_voltage() -> None:
     bench = turning()
+    without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20)
+    machine = bench.stepper.machine
+    machine.inputs.node_stopped = True
+    without_reaction(bench, QUICK_STOP, 3)
+    assert machine.needs_last_stop(TURNING), "also the client that finds it in pre-operational"
+    machine.inputs.node_stopped = False
+    assert without_reaction(bench, QUICK_STOP, 2) is Brake.WITHHOLD_HEARTBEAT
+    assert bench.controlword == 0
+    assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 2
+    assert "withholds its heartbeat, Disable Voltage" in bench.stepper.events[-1].text
+    without_reaction(bench, OFF, 10)
+    assert bench.controlword == 0, "until the drive is off"
+    bench.drive.restart()
+    assert without_reaction(bench, OFF, 3) is Brake.NONE
+    assert not machine.needs_last_stop(TURNING)
+
+
+def test_drive_below_its_line_after_nmt_stop_and_bring_up_continues_its_quick_stop() -> None:
+    bench = turning()
+    without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20)
+    machine = bench.stepper.machine
+    machine.inputs.node_stopped = True
+    bench.drive.feedback.velocity_actual = TURNING * 9 // 10
+    without_reaction(bench, QUICK_STOP, 3)
+    assert not machine.needs_last_stop(TURNING * 9 // 10)
+    machine.inputs.node_stopped = False
+    assert without_reaction(bench, QUICK_STOP, 3) is Brake.NONE
+    assert bench.controlword == 0x2
+
+
+@pytest.mark.parametrize(("last", "brake"), [(LastStop.DISABLE_VOLTAGE, Brake.NONE), (LastStop.NONE, Brake.NMT_STOP)])
+def test_speed_that_grows_under_quick_stop_gets_disable_voltage_before_nmt_stop(last: LastStop, brake: Brake) -> None:
+    bench = turning(last_stop=last)
+    feedback = bench.drive.feedback
+    for cycle in range(REACTION // CYCLE + 2):
+        feedback.velocity_actual = TURNING + cycle * 10
+        assert bench.controlword != 0
+        found = without_reaction(bench, QUICK_STOP, 1)
+    assert found is brake
+    without_reaction(bench, QUICK_STOP, 1)
+    assert bench.controlword == (0 if last is LastStop.DISABLE_VOLTAGE else 0x2)
+    assert numbers(bench) == [FaultNumber.STOP_IGNORED]
+    if last is LastStop.DISABLE_VOLTAGE:
+        assert without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 2) is Brake.NMT_STOP, "it ignores this, too"
+
+
+def test_heartbeat_is_withheld_if_the_drive_turns_after_nmt_stop_and_bring_up() -> None:
+    bench = turning(last_stop=LastStop.NONE)
     without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20)
     inputs = bench.stepper.machine.inputs
     inputs.node_stopped = True
@@ -189,7 +249,7 @@ def test_each_stop_has_its_own_time() -> None:
 
 def test_acceleration_to_an_earlier_setpoint_is_accepted_during_a_stop() -> None:
     settings = AxisSettings()
-    watch = StopWatch(settings.reaction_ns, settings.stop_time_ns, settings.enter_ns)
+    watch = made_watch(settings.reaction_ns, settings.stop_time_ns, settings.enter_ns)
     watch.reference, slope, began = 6000, 6000 / settings.stop_time_ns, 10**12
     for since in range(0, settings.stop_time_ns, CYCLE):
         braking = max(0, since - REACTION)
@@ -208,7 +268,7 @@ def test_fault_reaction_of_the_drive_has_no_time_limit() -> None:
 
 
 def test_reaction_time_restarts_after_a_short_exit_from_operation() -> None:
-    watch = StopWatch(REACTION, AxisSettings().stop_time_ns, ENTER)
+    watch = made_watch(REACTION, AxisSettings().stop_time_ns, ENTER)
 
     def disobeys(operating: bool, now: int) -> bool:
         return watched(watch, Order.OFF2, State.OPERATION_ENABLED if operating else None, now)
@@ -444,7 +504,7 @@ def test_shaft_that_does_not_slow_down_without_power_is_a_warning(state: State, 
 
 def test_each_state_that_must_end_has_its_own_time() -> None:
     """A drive that has left operation is not stopped by NMT for the time that it needed for that."""
-    watch = StopWatch(REACTION, AxisSettings().stop_time_ns, ENTER)
+    watch = made_watch(REACTION, AxisSettings().stop_time_ns, ENTER)
     operating, stopping = State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE
     assert not watched(watch, Order.OFF2, operating, 0)
     assert not watched(watch, Order.OFF2, operating, REACTION)

@@ -10,8 +10,11 @@ from types import MappingProxyType
 import pytest
 
 from pdgw.base.durations import MS, SECOND
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
+from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
+from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.base.reasons import FaultNumber
 
 CYCLE = 10 * MS
@@ -31,11 +34,16 @@ def scaling(*, counts: int | None = COUNTS, wraps: tuple[int, int] | None = None
     )
 
 
+def made_check() -> VelocityCheck:
+    """Of a drive that shows no limit."""
+    return VelocityCheck(STOP_TIME, TorqueEvidence(Inputs(DriveFeedback()), Outputs(0, None)))
+
+
 class Axis:
     """Turns at a speed that depends on time; can show a wrong one."""
 
     def __init__(self, **options: object) -> None:
-        self.check = VelocityCheck(STOP_TIME)
+        self.check = made_check()
         self.check.set_drive(scaling(**options), 30)  # type: ignore[arg-type]
         self.now = SECOND
         self.turns = 0.0
@@ -57,7 +65,11 @@ class Axis:
             self.turns += rpm(at) * CYCLE / SECOND / 60
             position = (round(self.turns * COUNTS) + self.jump + span // 2) % span - span // 2
             wanted = (target or rpm)(at)
-            found = self.check.step(True, round(wanted), round((shown or rpm)(at)), position, self.now, self.now)
+            velocity = round((shown or rpm)(at))
+            if not self.check.is_due(True, velocity, self.now):
+                continue
+            speeds = None if wanted is None else (round(wanted), round(wanted))
+            found = self.check.step(speeds, velocity, position, self.now, self.now)
             if found is not None:
                 return *found, at
         return None
@@ -133,7 +145,7 @@ def test_reversals_are_not_contradictions(late_ms: int, half_ms: int, ramp_ms: i
         return 1500 * sign * (1 if not ramp_ms else min(1.0, 2 * at * 1000 / ramp_ms - 1))
 
     axis = Axis()
-    found = axis.run(5, lambda at: rpm(at - late_ms / 1000), shown=rpm, target=lambda at: 1500)
+    found = axis.run(5, lambda at: rpm(at - late_ms / 1000), shown=rpm)
     assert found is None
 
 
@@ -167,10 +179,47 @@ def test_five_steps_of_growing_speed_are_a_contradiction(steps: int, found: bool
     assert (grown is not None) is found
 
 
+@pytest.mark.parametrize("target", [0, 20, 150])
+def test_runaway_is_found_at_any_setpoint_after_half_a_second(target: int) -> None:
+    """0 to 3000 rpm in a second: wrong motor phases, or direction of the encoder."""
+    found = Axis(counts=None).run(1, lambda at: at * 3000, target=lambda at: target)
+    assert found is not None
+    assert found[0] is FaultNumber.VELOCITY
+    assert 0.5 <= found[2] <= 0.56
+
+
+def test_growth_is_found_while_the_setpoint_changes_in_each_cycle() -> None:
+    targets = itertools.cycle((1000, 990, 1010))
+    found = Axis(counts=None).run(9, lambda at: 1000 * (1 + at / 4), target=lambda at: next(targets))
+    assert found is not None
+    assert "keeps growing" in found[1]
+
+
+@pytest.mark.parametrize(
+    ("target", "seconds"),
+    [(-3000.0, 5.7), (-1500.0, 5.7), (500.0, 5.7), (40.0, 5.7)],
+    ids=["other sign", "equal, other sign", "smaller", "just outside the window"],
+)
+def test_drive_that_keeps_its_speed_is_found_on_a_ramp_of_twice_the_stop_time(target: float, seconds: float) -> None:
+    """From 150 % of the setpoint before: 2280 rpm become 1500 after 5.2 s, and 0.5 s are an overshoot."""
+    axis = Axis(counts=None)
+    assert axis.run(1, lambda at: 1500) is None
+    found = axis.run(9, lambda at: 1500, target=lambda at: target)
+    assert found is not None
+    assert found[2] == pytest.approx(seconds, abs=0.02)
+
+
+def test_alternating_setpoints_do_not_begin_the_time_again() -> None:
+    axis = Axis(counts=None)
+    assert axis.run(1, lambda at: 1500) is None
+    found = axis.run(9, lambda at: 1500, target=lambda at: 500 if at % 0.2 < 0.1 else -500)
+    assert found is not None
+
+
 def test_growing_speed_at_a_constant_setpoint_is_a_contradiction() -> None:
     found = Axis(counts=None).run(9, lambda at: 1000 * (1 + at / 4), target=lambda at: 1000)
     assert found is not None
-    assert "keeps growing with a constant setpoint of 1000" in found[1]
+    assert "keeps growing with a setpoint of 1000" in found[1]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +229,9 @@ def test_growing_speed_at_a_constant_setpoint_is_a_contradiction() -> None:
         (lambda at: 120 * (1.9 if 0.2 < at < 0.5 else 1), lambda at: 120.0),  # overshoot
         (lambda at: min(at * 100, 3000), lambda at: 3000.0),
         (lambda at: 0.0, lambda at: 3000.0),  # blocked
-        (lambda at: 200.0, lambda at: 0.0),  # dragged
+        (lambda at: 25.0, lambda at: 0.0),  # dragged inside the standstill window
+        (lambda at: 60.0 if at % 1 < 0.3 else 0.0, lambda at: 0.0),  # swings
+        (lambda at: 20.0 * (-1) ** round(at * 100), lambda at: 0.0),  # noise
     ],
 )
 def test_ramps_overshoot_and_load_are_not_contradictions(
@@ -210,28 +261,29 @@ def test_position_overflow_is_followed() -> None:
 
 def test_without_counts_or_position_nothing_is_compared() -> None:
     assert Axis(counts=None).run(3, lambda at: 1200, shown=lambda at: 120, target=lambda at: 120) is None
-    check = VelocityCheck(STOP_TIME)
+    check = made_check()
     check.set_drive(scaling(), 30)
-    assert all(check.step(True, 120, 120, 0, 0, SECOND + cycle * CYCLE) is None for cycle in range(500))
+    assert all(check.step((120, 120), 120, 0, 0, SECOND + cycle * CYCLE) is None for cycle in range(500))
 
 
 def test_check_restarts_with_each_operation() -> None:
     axis = Axis()
     for _ in range(20):
         assert axis.run(0.3, lambda at: 1200, shown=lambda at: 120, target=lambda at: 120) is None
-        assert axis.check.step(False, 0, 0, 0, 0, axis.now) is None
+        assert not axis.check.is_due(False, 0, axis.now)
 
 
 @pytest.mark.parametrize("resting", [0, 1, 2])
 def test_jerky_motion_whose_period_equals_the_comparison_is_not_a_contradiction(resting: int) -> None:
     """DSC with few position updates jumps and rests, in the rhythm in which speeds are compared."""
-    check = VelocityCheck(STOP_TIME)
+    check = made_check()
     check.set_drive(scaling(), 30)
     position, now, speed, found = 0.0, SECOND, 0, []
     for cycle in range(1000):
         now += 4 * MS
         position += speed / 60 * COUNTS * 0.004
-        found.append(check.step(True, None, speed, round(position), now, now))
+        if check.is_due(True, speed, now):
+            found.append(check.step(None, speed, round(position), now, now))
         speed = 0 if cycle % 3 == resting else 1500
     assert not any(found)
 

@@ -1,0 +1,158 @@
+"""Speed setpoints as orders: 0 stops a turning shaft as OFF1 does, or the gateway does; no legal motion is stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from pdgw.base.durations import MS, SECOND
+from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
+from pdgw.dsp402.states import State, StatusBit
+from pdgw.gateway.axis.demand_report import Flag
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.base.reasons import FaultNumber, warning_bits
+from tests.gateway.axis.test_velocity import OFF, ON, Bench
+
+CYCLE = 4 * MS
+REACTION = AxisSettings().reaction_ns // CYCLE
+SPEED = 0x2000
+"""1500 rpm, 3000 units of the drive."""
+
+
+class Unmoved(Bench):
+    """Its shaft turns as ``shaft`` says after the order, whatever the drive is sent, and "target reached" is stuck."""
+
+    demand: int | None = None
+    """606Bh; None: as the speed."""
+
+    def at_speed(self) -> Unmoved:
+        self.operate(SPEED)
+        self.step(ON, SPEED, cycles=100)
+        assert self.drive.feedback.velocity_actual == 3000
+        self.order(ON, SPEED, 100)
+        assert self.zsw1 & Flag.REACHED
+        assert self.zsw1 & Flag.WITHIN_TOLERANCE
+        return self
+
+    def order(self, word: int, speed: int, cycles: int, shaft: Callable[[int], int] = lambda cycle: 3000) -> int:
+        """Cycles until the gateway stops the drive; ``cycles`` if it does not."""
+        feedback = self.drive.feedback
+        feedback.statusword |= StatusBit.TARGET_REACHED
+        for cycle in range(cycles):
+            self.now += CYCLE
+            feedback.velocity_actual = shaft(cycle)
+            feedback.velocity_demand = shaft(cycle) if self.demand is None else self.demand
+            self.stepper.step((word, speed), feedback, True, self.now)
+            if self.controlword & 0xF != 0xF:
+                return cycle
+        return cycles
+
+    @property
+    def zsw1(self) -> int:
+        return self.stepper.machine.outputs.actuals[0]
+
+    @property
+    def numbers(self) -> list[int]:
+        return self.stepper.numbers
+
+
+@pytest.mark.parametrize(
+    ("word", "speed"),
+    [(ON, 0), (ON, 40), (ON, -40), (ON & ~0x10, SPEED), (ON & ~0x40, SPEED), (ON & ~0x70, SPEED)],
+    ids=["0", "inside the window", "inside, other sign", "STW1.4 = 0", "STW1.6 = 0", "end of a jog"],
+)
+def test_drive_that_keeps_its_speed_at_setpoint_0_gets_quick_stop(word: int, speed: int) -> None:
+    bench = Unmoved().at_speed()
+    assert REACTION <= bench.order(word, speed, 1000) <= REACTION + 3
+    assert bench.numbers == [FaultNumber.STOP_IGNORED]
+    assert not bench.zsw1 & (Flag.REACHED | Flag.WITHIN_TOLERANCE)
+
+
+def test_setpoints_inside_the_window_do_not_begin_the_time_again() -> None:
+    bench = Unmoved().at_speed()
+    reached = 0
+    for cycle in range(REACTION + 5):
+        reached += bench.order(ON, (0, 40, -40)[cycle % 3], 1)
+    assert reached <= REACTION + 3
+
+
+def test_motion_after_standstill_begins_no_order() -> None:
+    """A load that swings through 0 has arrived: only the speed setpoint itself is watched."""
+    bench = Unmoved().at_speed()
+    shaft = [max(3000 - cycle * 12, 0) for cycle in range(260)]
+    swing = [100 if cycle % 100 < 50 else -100 for cycle in range(1000)]
+    assert bench.order(ON, 0, 1260, lambda cycle: [*shaft, *swing][cycle]) == 1260
+    assert bench.numbers == []
+
+
+def test_ramp_of_the_stop_time_is_followed_and_shown() -> None:
+    bench = Unmoved().at_speed()
+    ramp = [max(3000 - cycle * 12 // 5, 0) for cycle in range(1300)]
+    assert bench.order(ON, 0, 700, ramp.__getitem__) == 700
+    assert not bench.zsw1 & Flag.REACHED, "speed and setpoint differ"
+    assert bench.zsw1 & Flag.WITHIN_TOLERANCE, "a legal ramp"
+    assert bench.order(ON, 0, 500, lambda cycle: ramp[700 + cycle]) == 500
+    assert bench.numbers == []
+
+
+def test_shaft_that_turns_when_operation_begins_is_watched() -> None:
+    bench = Unmoved()
+    bench.step(OFF, cycles=3)
+    bench.step(ON, 0, cycles=10)
+    assert bench.drive.state is State.OPERATION_ENABLED
+    bench = Unmoved()
+    bench.step(OFF, cycles=3)
+    assert bench.order(ON, 0, 10, lambda cycle: 3000) < 10, "below operation"
+    for _ in range(10):
+        bench.step(ON, 0)
+        bench.drive.feedback.velocity_actual = 3000
+    assert bench.order(ON, 0, 1000) <= REACTION + 3
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 20, 102, 103])
+def test_setpoint_0_is_an_order_of_each_speed_telegram(number: int) -> None:
+    bench = Bench(number)
+    bench.operate(SPEED << (0 if number in (1, 20) else 16))
+    feedback, half = bench.drive.feedback, bench.stepper.telegram.setpoints
+    bench.step(ON, SPEED << (0 if number in (1, 20) else 16), cycles=100)
+    for _ in range(REACTION + 5):
+        bench.now += CYCLE
+        feedback.velocity_actual = 3000
+        bench.stepper.step(half.from_dict({"STW1": ON}), feedback, True, bench.now)
+    assert bench.stepper.numbers == [FaultNumber.STOP_IGNORED]
+
+
+LIMIT = warning_bits(FaultNumber.INTERNAL_LIMIT)
+
+
+@pytest.mark.parametrize(
+    ("status", "demand", "seconds"),
+    [
+        (StatusBit.INTERNAL_LIMIT, 0, None),
+        (StatusBit.INTERNAL_LIMIT, 3000, 0.8),
+        (StatusBit.INTERNAL_LIMIT, DEMAND_UNKNOWN, 0.8),
+        (0, 0, 0.4),
+    ],
+    ids=["shown, demand value 0", "shown, demand value as before", "shown, no demand value", "not shown"],
+)
+def test_torque_limit_excuses_a_drive_only_if_it_has_the_setpoint(
+    status: int, demand: int, seconds: float | None
+) -> None:
+    bench = Unmoved().at_speed()
+    bench.demand = demand
+    bench.drive.feedback.statusword |= status
+    cycles = bench.order(ON, 0, 3000)
+    if seconds is None:
+        assert cycles == 3000
+        assert bench.stepper.machine.outputs.warning & LIMIT
+    else:
+        assert seconds * SECOND // CYCLE <= cycles + 2 <= seconds * SECOND // CYCLE + 15
+
+
+def test_growing_speed_is_found_whatever_limit_the_drive_shows() -> None:
+    bench = Unmoved().at_speed()
+    bench.demand = 0
+    bench.drive.feedback.statusword |= StatusBit.INTERNAL_LIMIT
+    assert bench.order(ON, 0, 1000, lambda cycle: 3000 + 2 * cycle) <= 175, "0.6 to 0.7 s"
+    assert FaultNumber.VELOCITY in bench.numbers
