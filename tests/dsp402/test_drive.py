@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from random import Random
@@ -13,6 +14,7 @@ from canopen.objectdictionary import ODVariable
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.interfaces import open_bus
+from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.communication import NMT, STORE_PARAMETERS, NmtCommand
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.objects import CanType, Entry
@@ -409,7 +411,8 @@ def test_any_frame_under_the_identifiers_of_the_node_is_survived(plant: Plant, p
     for _ in range(2000):
         can_id = random.choice([0x80, 0x180, 0x280, 0x380, 0x480, 0x1C0, 0x580, 0x580, 0x700]) + NODE
         data = random.randbytes(random.choice([0, 1, 2, 3, 4, 7, 8, 8, 8]))
-        bus.send(can_id, data)
+        with suppress(PortBusyError):  # the SDO frames of a bring-up have priority
+            bus.send(can_id, data)
         command.digital_outputs = command.target_position = random.getrandbits(16)
         client.send(command, site.now())
         client.refresh(site.now())

@@ -65,6 +65,7 @@ def test_a_restarted_gateway_connects_again_and_starts_nothing() -> None:
         world, address = world_of(daemon), daemon.address
         daemon.stop()
         until(daemon, daemon.stopped.is_set, "the end")
+        world.loop.run_for(MS)  # its last heartbeat may be on its way
         again = build_gateway(
             routed().model_copy(
                 update={"transport": daemon.config.transport.model_copy(update={"cyclic_port": address[1]})}

@@ -70,7 +70,7 @@ CAUSES: dict[str, Cause] = {
         "Pre-operational: another master has sent NMT command 80h",
     ),
     "no heartbeat": (_fault("heartbeat-stops"), 300, "no heartbeat for 300 ms"),
-    "no TPDO": (_fault("lost-pdos", every=1), 200, "no TPDO1"),
+    "no TPDO": (_fault("lost-pdos", every=1), 200, "no TPDO"),
     "bus": (_cut, 0, "CAN bus can failed"),
     "mode": (_wrong_mode, 0, "6061h shows 1"),
     "two devices": (_doubles, 0, "SDO requests are answered twice"),
