@@ -210,6 +210,10 @@ class DriveType:
     """6067h as it was found; None for a drive without it, or that does not use it."""
     position_objects: Mapping[ObjectAddress, int] = field(default_factory=dict)
     """The objects that define the unit and the sign of positions, as they were found."""
+    acting: Mapping[ObjectAddress, int] = field(default_factory=dict)
+    """The objects that act in the modes of the telegram beside its setpoint (``dsp402.acting``), as the drive has them."""
+    uncorrected: str = ""
+    """Why the drive must not be operated: a value of another master that the gateway could not correct; empty: it may."""
     ignored_ranges: tuple[str, ...] = ()
     """For the log: ranges of setpoints in the data sheet that forbid 0."""
 

@@ -22,14 +22,20 @@ from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, Ob
 ABORT_OPTION: Final = 0x6007
 VL_TARGET_VELOCITY: Final = 0x6042
 VL_MIN_MAX: Final = 0x6046
+VL_MIN_MAX_BY_DIRECTION: Final = 0x6047
 VL_ACCELERATION: Final = 0x6048
 VL_DECELERATION: Final = 0x6049
 VL_QUICK_STOP: Final = 0x604A
 VL_SETPOINT_FACTOR: Final = 0x604B
 VL_DIMENSION_FACTOR: Final = 0x604C
 QUICK_STOP_OPTION: Final = 0x605A
+SHUTDOWN_OPTION: Final = 0x605B
+DISABLE_OPERATION_OPTION: Final = 0x605C
+HALT_OPTION: Final = 0x605D
 FAULT_REACTION_OPTION: Final = 0x605E
 POSITION_ACTUAL: Final = 0x6064
+FOLLOWING_ERROR_WINDOW: Final = 0x6065
+FOLLOWING_ERROR_TIME: Final = 0x6066
 POSITION_WINDOW: Final = 0x6067
 VELOCITY_WINDOW: Final = 0x606D
 VELOCITY_THRESHOLD: Final = 0x606F
@@ -44,10 +50,13 @@ SOFTWARE_POSITION_LIMIT: Final = 0x607D
 POLARITY: Final = 0x607E
 MAX_PROFILE_VELOCITY: Final = 0x607F
 MAX_MOTOR_SPEED: Final = 0x6080
+PROFILE_VELOCITY: Final = 0x6081
+END_VELOCITY: Final = 0x6082
 PROFILE_ACCELERATION: Final = 0x6083
 PROFILE_DECELERATION: Final = 0x6084
 QUICK_STOP_DECELERATION: Final = 0x6085
 MOTION_PROFILE_TYPE: Final = 0x6086
+TORQUE_SLOPE: Final = 0x6087
 POSITION_NOTATION: Final = 0x6089
 POSITION_DIMENSION: Final = 0x608A
 VELOCITY_NOTATION: Final = 0x608B
@@ -64,14 +73,21 @@ VELOCITY_FACTOR: Final = 0x6096
 ACCELERATION_FACTOR: Final = 0x6097
 HOMING_SPEEDS: Final = 0x6099
 HOMING_ACCELERATION: Final = 0x609A
+PROFILE_JERK: Final = 0x60A4
 SI_UNIT_POSITION: Final = 0x60A8
 SI_UNIT_VELOCITY: Final = 0x60A9
 SI_UNIT_ACCELERATION: Final = 0x60AA
+POSITION_OFFSET: Final = 0x60B0
+VELOCITY_OFFSET: Final = 0x60B1
+TORQUE_OFFSET: Final = 0x60B2
 INTERPOLATION_TIME: Final = 0x60C2
 MAX_ACCELERATION: Final = 0x60C5
 MAX_DECELERATION: Final = 0x60C6
+POSITIVE_TORQUE_LIMIT: Final = 0x60E0
+NEGATIVE_TORQUE_LIMIT: Final = 0x60E1
 SUPPORTED_HOMING_METHODS: Final = 0x60E3
 POSITIONING_OPTION: Final = 0x60F2
+MAX_SLIPPAGE: Final = 0x60F8
 TARGET_VELOCITY: Final = 0x60FF
 SUPPORTED_DRIVE_MODES: Final = 0x6502
 
@@ -103,16 +119,16 @@ DRIVE_OBJECTS = Catalogue(
         var(0x6040, "Controlword", U16, RW, pdo=True, attribute=CONTROL_ATTRIBUTE),
         var(0x6041, "Statusword", U16, RO, pdo=True, attribute=STATUS_ATTRIBUTE),
         var(QUICK_STOP_OPTION, "Quick Stop Option Code", I16, RW),
-        var(0x605B, "Shutdown Option Code", I16, RW),
-        var(0x605C, "Disable Operation Option Code", I16, RW),
-        var(0x605D, "Halt Option Code", I16, RW),
+        var(SHUTDOWN_OPTION, "Shutdown Option Code", I16, RW),
+        var(DISABLE_OPERATION_OPTION, "Disable Operation Option Code", I16, RW),
+        var(HALT_OPTION, "Halt Option Code", I16, RW),
         var(FAULT_REACTION_OPTION, "Fault Reaction Option Code", I16, RW),
         var(0x6060, "Modes of Operation", I8, RW, pdo=True, attribute="modes_of_operation"),
         var(0x6061, "Modes of Operation Display", I8, RO, pdo=True, attribute="modes_of_operation_display"),
         var(
             POSITION_ACTUAL, "Position Actual Value", I32, RO, pdo=True, unit=POSITION_UNIT, attribute="position_actual"
         ),
-        var(0x6065, "Following Error Window", U32, RW, unit=POSITION_UNIT),
+        var(FOLLOWING_ERROR_WINDOW, "Following Error Window", U32, RW, unit=POSITION_UNIT),
         var(POSITION_WINDOW, "Position Window", U32, RW, unit=POSITION_UNIT),
         var(0x606B, "Velocity Demand Value", I32, RO, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_demand"),
         var(0x606C, "Velocity Actual Value", I32, RO, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_actual"),
@@ -134,7 +150,7 @@ DRIVE_OBJECTS = Catalogue(
         var(HOME_OFFSET, "Home Offset", I32, RW, unit=POSITION_UNIT),
         var(MAX_PROFILE_VELOCITY, "Max Profile Velocity", U32, RW, unit=VELOCITY_UNIT),
         var(MAX_MOTOR_SPEED, "Max Motor Speed", U32, RW, unit="rpm"),
-        var(0x6081, "Profile Velocity", U32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="profile_velocity"),
+        var(PROFILE_VELOCITY, "Profile Velocity", U32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="profile_velocity"),
         var(
             PROFILE_ACCELERATION,
             "Profile Acceleration",
@@ -169,7 +185,7 @@ DRIVE_OBJECTS = Catalogue(
             Entry(HOMING_SPEEDS, 2, "Speed during search for zero", U32, RW, unit=VELOCITY_UNIT),
         ),
         var(HOMING_ACCELERATION, "Homing Acceleration", U32, RW, unit=ACCELERATION_UNIT),
-        var(0x60B1, "Velocity Offset", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_offset"),
+        var(VELOCITY_OFFSET, "Velocity Offset", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_offset"),
         array(
             INTERPOLATION_TIME,
             "Interpolation Time Period",
@@ -255,12 +271,24 @@ FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
     var(0x6043, "vl velocity demand", I16, RO, pdo=True, attribute="velocity_demand"),
     var(0x6044, "vl velocity actual value", I16, RO, pdo=True, attribute="velocity_actual"),
     _ratio(VL_MIN_MAX, "vl velocity min max amount", "Minimum", "Maximum"),
+    array(
+        VL_MIN_MAX_BY_DIRECTION,
+        "vl velocity min max",
+        *(
+            Entry(VL_MIN_MAX_BY_DIRECTION, sub, name, U32)
+            for sub, name in enumerate(("Minimum pos", "Maximum pos", "Minimum neg", "Maximum neg"), 1)
+        ),
+    ),
     _ratio(VL_ACCELERATION, "vl velocity acceleration", "Delta speed", "Delta time"),
     _ratio(VL_DECELERATION, "vl velocity deceleration", "Delta speed", "Delta time"),
+    _ratio(VL_QUICK_STOP, "vl velocity quick stop", "Delta speed", "Delta time"),
     _ratio(VL_SETPOINT_FACTOR, "vl setpoint factor", "Numerator", "Denominator", I16),
     _ratio(VL_DIMENSION_FACTOR, "vl dimension factor", "Numerator", "Denominator", I32),
+    var(FOLLOWING_ERROR_TIME, "Following error time out", U16, unit="ms"),
     _ratio(SOFTWARE_POSITION_LIMIT, "Software position limit", "Minimum", "Maximum", I32),
     var(POLARITY, "Polarity", U8),
+    var(END_VELOCITY, "End velocity", U32, unit=VELOCITY_UNIT),
+    var(TORQUE_SLOPE, "Torque slope", U32),
     var(POSITION_NOTATION, "Position notation index", I8),
     var(POSITION_DIMENSION, "Position dimension index", U8),
     var(VELOCITY_NOTATION, "Velocity notation index", I8),
@@ -279,14 +307,21 @@ FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
     _ratio(POSITION_FACTOR, "Position factor", "Numerator", "Divisor"),
     _ratio(VELOCITY_FACTOR, "Velocity factor", "Numerator", "Divisor"),
     _ratio(ACCELERATION_FACTOR, "Acceleration factor", "Numerator", "Divisor"),
+    array(PROFILE_JERK, "Profile jerk", Entry(PROFILE_JERK, 1, "Profile jerk 1", U32)),
     var(SI_UNIT_POSITION, "SI unit position", U32),
     var(SI_UNIT_VELOCITY, "SI unit velocity", U32),
     var(SI_UNIT_ACCELERATION, "SI unit acceleration", U32),
+    var(POSITION_OFFSET, "Position offset", I32, unit=POSITION_UNIT),
+    var(TORQUE_OFFSET, "Torque offset", I16, unit=TORQUE_UNIT),
+    var(POSITIVE_TORQUE_LIMIT, "Positive torque limit value", U16, unit=TORQUE_UNIT),
+    var(NEGATIVE_TORQUE_LIMIT, "Negative torque limit value", U16, unit=TORQUE_UNIT),
     array(
         SUPPORTED_HOMING_METHODS,
         "Supported homing methods",
         *(Entry(SUPPORTED_HOMING_METHODS, sub, f"Homing method {sub}", I8, RO) for sub in range(1, _METHODS + 1)),
     ),
+    var(POSITIONING_OPTION, "Positioning option code", U16),
+    var(MAX_SLIPPAGE, "Max slippage", I32, unit=VELOCITY_UNIT),
 )
 """Objects with an image attribute belong to velocity mode (vl): they replace it in a drive with no other speed mode."""
 

@@ -24,7 +24,7 @@ _DS301 = (
     "ds301.sdo_transfer"
 )
 """Modules of ``ds301`` below its sub-packages."""
-_DSP402 = "dsp402.drive_type dsp402.modes dsp402.objects dsp402.states"
+_DSP402 = "dsp402.acting dsp402.drive_type dsp402.modes dsp402.objects dsp402.states"
 """Modules of ``dsp402`` below its sub-packages."""
 _CONFIGURED = f"{_FIELD} gateway.base gateway.motion gateway.axis gateway.configuration"
 """Rooms of what works with a configuration."""

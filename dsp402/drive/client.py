@@ -7,7 +7,8 @@ drive (docs/translation.md "PDO layouts"), which takes SDO writes where the driv
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -33,10 +34,12 @@ from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
-from pdgw.ds301.objects import CanType
+from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.ds301.pdo import PdoCapabilities, PdoLayout
+from pdgw.dsp402.acting import KEPT, Treatment, acting_in, left_to_the_drive, read_acting, readable
 from pdgw.dsp402.drive.guarding import Guarding, guard, interpolation_steps
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.left_overs import OFF, LeftOvers
 from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.drive.own_values import OwnValueKeeper
 from pdgw.dsp402.drive.rpdos import RpdoSender
@@ -55,34 +58,18 @@ from pdgw.dsp402.objects import (
     MAX_TORQUE,
     MODE,
     MODE_DISPLAY,
-    POSITIONING_OPTION,
     STATUSWORD,
 )
 from pdgw.dsp402.pdo.planner import plan_pdos
-from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, State, operates, state_of
+from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.dsp402.units.unit_watch import UnitWatch
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent
-_LIMITS_AND_RAMPS: Final = frozenset(
-    {
-        "dynamic_speed_limit",
-        "dynamic_torque_limit",
-        "max_torque",
-        "profile_acceleration",
-        "profile_deceleration",
-        "profile_velocity",
-        "velocity_offset",
-    }
-)
-"""Objects that also act on a drive whose RPDOs do not carry them."""
+_KEPT: Final = KEPT | {"dynamic_speed_limit", "dynamic_torque_limit"}
+"""Objects whose own value returns when no RPDO contains them; those of the profile, and of a family."""
 _UNITS_AND_LIMITS: Final = frozenset(SCALING_OBJECTS)
-_RELATIVE_TO: Final = 0b11
-"""Bits of 60F2h: where a relative task begins."""
-_TO_DEMAND: Final = 0b01
-_OFF: Final = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
-"""States of a drive that has no power, and gets none without two commands."""
 
 
 def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
@@ -129,6 +116,9 @@ class DriveClient(NodeClient[DriveSettings]):
         """The drive's values of limits and ramps that the gateway overwrites."""
         self.command = self.own_values.write
         self.write_for_client = self._write_for_client
+        self._left_overs = LeftOvers(sdo, self._notify)
+        self.zeroed: frozenset[ObjectAddress] = frozenset()
+        """Objects that stay 0, because the drive would add them to the setpoint."""
         self._positions_by_sync = False
         """The drive gets a position for each SYNC, no setpoint of its own."""
         self._is_off = False
@@ -191,16 +181,34 @@ class DriveClient(NodeClient[DriveSettings]):
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has the object, and keeps its own value unless it is written
-        self.drive_type = describe(self.sdo.dictionary, answers, self.settings.units, self.settings.family)
+        drive = describe(self.sdo.dictionary, answers, self.settings.units, self.settings.family)
+        self.drive_type = drive = self._corrected(drive, answers)
         self.units.watch = UnitWatch(answers)
-        return self.drive_type
+        return drive
+
+    def _corrected(self, drive: DriveType, answers: Mapping[ObjectAddress, int]) -> DriveType:
+        """The drive with what acts in its modes, as far as possible without the values of another master."""
+        settings = self.settings
+        rows = settings.corrected(drive)
+        found = read_acting(acting_in(settings.modes(drive)), self.sdo.dictionary, self._read_if_present, answers)
+        refusal = self._left_overs.correct(rows, found)
+        self.zeroed = frozenset(row.address for row in rows if row.treatment is Treatment.ZERO)
+        return replace(drive, acting=readable(found), uncorrected=refusal)
+
+    @property
+    def left_to_the_drive(self) -> tuple[str, ...]:
+        """For the user: what acts in the modes of the telegram and is not commanded, with the values at the last start."""
+        drive, plan = self.drive_type, self.plan
+        if drive is None or plan is None:
+            return ()
+        return left_to_the_drive(drive.acting, self.settings.modes(drive), {entry.address for entry in plan.commanded})
 
     def _units_changed(self, text: str) -> None:
         self._notify("units", text)
         self._wake.set()
 
     def _read_units(self) -> None:
-        """Another tool has changed the units."""
+        """Another tool has changed the units, or what waited for the end of the drive's power is corrected."""
         self.units.watch.changed = False
         try:
             self.learn()
@@ -242,7 +250,7 @@ class DriveClient(NodeClient[DriveSettings]):
         """
         state = state_of(self.sdo.read_urgently(*STATUSWORD))
         shown = "an unknown state" if state is None else state.value
-        self._is_off = state in _OFF
+        self._is_off = state in OFF
         if self._is_off:
             self._notify("off", shown)
             return
@@ -322,8 +330,6 @@ class DriveClient(NodeClient[DriveSettings]):
         if period_us and INTERPOLATION_TIME in self.sdo.dictionary:
             for step in interpolation_steps(period_us):
                 self.sdo.do(step)
-        if settings.tasks:
-            self._count_from_demand()
         if HOMING_METHOD[0] in self.sdo.dictionary:
             self.homing_method = self.sdo.require(*HOMING_METHOD, signed=True)
         shown = (
@@ -333,27 +339,9 @@ class DriveClient(NodeClient[DriveSettings]):
             if entry.address not in shown and entry.address not in self.own_values:
                 self.sdo.require(*entry.address)
         for entry in self.rpdos.entries:
-            if entry.attribute in _LIMITS_AND_RAMPS:
+            if entry.attribute in _KEPT:
                 self.own_values.overwrite(entry.address)
         self.own_values.commit()
-
-    def _count_from_demand(self) -> None:
-        """Relative tasks begin at the demanded position (60F2h bits 0 and 1 = 1). With 0 they begin at the last target, also
-        after a stop or another mode.
-        """
-        data = self._read_if_present(POSITIONING_OPTION, 0)
-        if data is None:
-            return
-        value = int.from_bytes(data, "little")
-        required = value & ~_RELATIVE_TO | _TO_DEMAND
-        refusal = "" if data else "cannot be read now"
-        if data and value != required:
-            try:
-                self.sdo.do(SdoStep(POSITIONING_OPTION, 0, CanType.U16, required, "positioning option code"))
-            except Dsp402Error as error:
-                refusal = f"= {value}: {error}"
-        if refusal:
-            self._notify("status", f"relative tasks may begin at the last target, also after a stop: 60F2h {refusal}")
 
     def _write_for_client(self, index: int, subindex: int, data: bytes) -> None:
         """The drive stores its own values (1010h), not those of the RPDOs: such an RPDO is not sent meanwhile. What it restores
@@ -424,9 +412,13 @@ class DriveClient(NodeClient[DriveSettings]):
         return self.rpdos.motion_asked or (self._positions_by_sync and self._operates)
 
     def _has_work(self, now: int) -> bool:
-        if self.rpdos.written or self._mode.awaited is not None or self._may_check_tpdos(now):
+        if self.rpdos.written or self._mode.awaited is not None or self._may_check_tpdos(now) or self._may_correct:
             return True
         return super()._has_work(now)
+
+    @property
+    def _may_correct(self) -> bool:
+        return self._left_overs.waits and state_of(self.feedback.statusword) in OFF
 
     def _may_check_tpdos(self, now: int) -> bool:
         return self._tpdos.is_due(now) and self._operates
@@ -442,7 +434,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.rpdos.write(self.sdo.write, now)
         self._mode.check(now)
         super()._exchange_acyclic(now)
-        if self.units.watch.changed:
+        if self.units.watch.changed or self._may_correct:
             self._read_units()
         if self._may_check_tpdos(now):
             self._tpdos.check(now, self._timeout_ns)

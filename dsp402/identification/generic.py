@@ -8,6 +8,7 @@ are those of the profile; a device that differs needs its EDS.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import canopen
@@ -20,6 +21,7 @@ from pdgw.ds301.eds.pdos import variable
 from pdgw.ds301.node.sdo import Inquiry
 from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.acting import ACTING, read_acting, readable
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.describe import (
     PROFILE_AREA,
@@ -41,9 +43,10 @@ def probe(
             vendor, product = (node.number(*address) or 0 for address in (IDENTITY_VENDOR, IDENTITY_PRODUCT))
             dictionary = dictionary_of(node.node_id, node.fetch, vendor, product, family)
         answers = _answers(dictionary, node.fetch)
+        acting = read_acting(ACTING, dictionary, node.fetch, answers)
     except SdoCommunicationError as error:
         raise Dsp402Error(f"node {node.node_id}", str(error), "a drive that answers SDO") from error
-    return describe(dictionary, answers, units, family)
+    return replace(describe(dictionary, answers, units, family), acting=readable(acting))
 
 
 def _answers(dictionary: canopen.ObjectDictionary, read: Read) -> dict[tuple[int, int], int]:

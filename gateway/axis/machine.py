@@ -501,7 +501,7 @@ class AxisMachine:
 
     def lacking(self, drive: DriveType, homing_method: int) -> str:
         """Why this drive cannot be operated with the telegram; empty when it can, and the executor works for it from now on."""
-        refusal = self.missing(drive).text
+        refusal = self.missing(drive).text or drive.uncorrected
         if not refusal:
             try:
                 self.executor.set_drive(drive, homing_method)

@@ -110,8 +110,9 @@ class Reason(enum.Enum):
         _S.FAULT,
     )
     REFERENCE_INVALID = (
-        "100 % of the speed is unknown, or the drive lacks the mode of operation (fault 104 names the missing key)",
-        "set the key that fault 104 names, see pdgw config check --bus",
+        "100 % of the speed is unknown, the drive lacks the mode of operation, or an object of it acts against the telegram "
+        "(fault 104 names the key or the object)",
+        "set the key or the object that fault 104 names, see pdgw config check --bus",
         _E.NO_FAULT,
         _S.FAULT,
     )
@@ -639,7 +640,11 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(_F.BUS_LOST, "CAN bus-off or CAN interface lost", BUS_OFF_RECOVERED, _B.BUS, _BUS),
             GatewayFault(_F.PLC_LOST, "PLC lost", 0xFF01, _B.PLC, _FRAMES),
             GatewayFault(
-                _F.REFERENCE, "100 % or mode of operation of the drive unknown", 0xFF02, _B.DRIVE, "set the named key"
+                _F.REFERENCE,
+                "100 %, mode of operation or an option of the drive is not usable",
+                0xFF02,
+                _B.DRIVE,
+                "set the named key or object",
             ),
             GatewayFault(_F.NODE_RESTARTED, "node restarted during operation", 0xFF03, _B.NODE, _SUPPLY),
             GatewayFault(_F.NODE_REFUSED, "node identity or configuration rejected", 0xFF04, _B.NODE, _CONFIGURATION),

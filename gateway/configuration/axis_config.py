@@ -218,6 +218,12 @@ class AxisConfig(DriveObjectSection):
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
 
+    def _is_modulo(self, number: int) -> bool:
+        """Whether the gateway chooses the direction to a target with this telegram."""
+        if number in POSITIONER_TELEGRAM_NUMBERS:
+            return self.positioner is not None and self.positioner.modulo_range > 0
+        return self.modulo_axis
+
     @property
     def _second_sensor(self) -> SecondSensor:
         if self.g2 is None:
@@ -264,6 +270,7 @@ class AxisConfig(DriveObjectSection):
             sync=on_sync,
             sync_period_us=round(cycle_time_ms * US_PER_MS) if cyclic else 0,
             tasks=number in TASK_TELEGRAM_NUMBERS,
+            modulo=self._is_modulo(number),
             allow_unguarded=self.allow_unguarded,
             initial_mode=initial_mode(number, self.dsc_form),
             units=self.units,

@@ -273,8 +273,10 @@ class Axis(DriveObject):
     def owns(self, index: int, subindex: int) -> bool:
         address = (index, subindex)
         executor = self.machine.executor
-        if address in _OWNED or (
-            address == MAX_TORQUE and isinstance(executor, PositionerExecutor) and executor.clamps
+        if (
+            address in _OWNED
+            or address in self.drive.zeroed
+            or (address == MAX_TORQUE and isinstance(executor, PositionerExecutor) and executor.clamps)
         ):
             return True
         # The exchange with an online drive runs with or without a PLC, so a written value would be overwritten.

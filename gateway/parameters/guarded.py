@@ -105,7 +105,7 @@ GUARDED: tuple[GuardedRange, ...] = (
         objects.QUICK_STOP_OPTION,
         objects.FAULT_REACTION_OPTION,
         "reaction to quick stop, shutdown, disable, Halt and faults",
-        Check.NOTHING,
+        Check.REFERENCES,
     ),
     GuardedRange(
         objects.RATED_CURRENT,
@@ -157,7 +157,7 @@ GUARDED: tuple[GuardedRange, ...] = (
     GuardedRange(
         objects.POSITIONING_OPTION,
         objects.POSITIONING_OPTION,
-        "positioning option code: where a relative task begins",
+        "positioning option code: where a relative task begins, and the direction to a target",
         Check.CONFIGURATION,
     ),
 )

@@ -189,6 +189,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
             "scaling": list(scaling.lines) if scaling else [],
             "units_witnessed": units_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
             "pdos": list(plan.lines) if plan is not None else [],
+            "left_to_the_drive": list(axis.drive.left_to_the_drive),
             "guarding": axis.drive.guarding.text if axis.drive.guarding is not None else "",
             "protections": [
                 {"name": item.name, "active": item.active, "text": item.text} for item in protections(axis)

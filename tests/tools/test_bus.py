@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.objects import Access, Entry
+from pdgw.dsp402.objects import HALT_OPTION
 from pdgw.dsp406.device import device_info, encoder_objects
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.peers.bus import INTERFACE, ServedBus
@@ -99,11 +100,12 @@ sdo_timeout_ms = 60000
 """
 
 
-def _check(tmp_path: Path, telegram: int = 1, keys: str = "") -> tuple[int, str]:
+def _check(tmp_path: Path, telegram: int = 1, keys: str = "", halt_option: int = 1) -> tuple[int, str]:
     channel = buses.channel()
     file = tmp_path / "gateway.toml"
     file.write_text(CONFIG.format(channel=channel, telegram=telegram, keys=keys))
     drive = SimulatedDrive(buses.bus(channel), 5)
+    drive.node.values[HALT_OPTION, 0] = halt_option
     drive.start()
     try:
         result = CliRunner().invoke(app, ["check", "--bus", str(file)])
@@ -118,6 +120,13 @@ def test_units_are_read_from_the_drive_on_the_bus(tmp_path: Path) -> None:
     assert "speed: 100 % = 3000 rpm = 60FFh 6000 (from 6080h, 6094h: 1/2 rpm)" in output
     assert "acceleration: 100 % = 6083h 1000 (from 60C5h)" in output
     assert "position: 100 % = 607Ah 500000 (from 607Bh/2)" in output
+    assert "stops of the drive: Quick Stop Option Code 605Ah = 2, " in output
+
+
+def test_option_of_the_drive_against_the_telegram_is_rejected_with_the_remedy(tmp_path: Path) -> None:
+    status, output = _check(tmp_path, telegram=9, halt_option=0)
+    assert status == 1
+    assert "telegram 9 is rejected: Halt Option Code 605Dh: 0 is not allowed, expected 1 (pdgw param write" in output
 
 
 def test_keys_of_the_configuration_come_first(tmp_path: Path) -> None:

@@ -284,7 +284,8 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
         yield "  its values are marked as bad (IOPS)"
     protections = [f"{protection['name']}: {protection['text']}" for protection in item.get("protections", ())]
     confirmed = [item["units_witnessed"]] if item.get("units_witnessed") else []
-    for line in (*item.get("scaling", ()), *confirmed, *item.get("pdos", ()), *protections):
+    left = item.get("left_to_the_drive", ())
+    for line in (*item.get("scaling", ()), *confirmed, *item.get("pdos", ()), *left, *protections):
         yield from _folded(line, width, 4, "  ")
     yield from _faults(item, width)
     older = item["fault_count"] - len(item["faults"])

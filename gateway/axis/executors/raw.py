@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from operator import attrgetter
 
+from pdgw.dsp402.acting import HALT_SWITCHES_OFF
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
 from pdgw.gateway.axis.demand_report import RawDemand, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords, Executor
 from pdgw.gateway.axis.power_states import Action
+from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.base.reasons import Reason
 
 _PASS, _RAMP = Action.PASS, Action.RAMP
@@ -38,6 +40,8 @@ class RawExecutor(Executor):
         self._mode_refused = False
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        if self.settings.on_plc_loss is PlcLossReaction.RAMP:
+            HALT_SWITCHES_OFF.check(drive.acting)
         self._limits = tuple((name, *drive.limits(name)) for name in self._setpoints)
         self._modes = {mode & _BYTE: mode for mode in drive.modes}
         self._last = ()

@@ -139,7 +139,8 @@ def test_an_axis_that_is_switched_on_while_the_write_waits_is_not_written_to() -
     [
         (0x1400, ["hold", (0x1400, 2), "check"]),
         (0x6094, ["hold", (0x6094, 2), "references read", "unhold", "references taken"]),
-        (0x605A, ["hold", (0x605A, 2), "unhold"]),
+        (0x605A, ["hold", (0x605A, 2), "references read", "unhold", "references taken"]),
+        (0x6075, ["hold", (0x6075, 2), "unhold"]),
         (0x6081, [(0x6081, 2)]),
     ],
 )

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
+from pdgw.dsp402.acting import ACTING
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, with_objects
@@ -232,6 +233,21 @@ def generate() -> str:
         table(("code", "error"), ((f"{code:04X}h", text) for code, text in SENSOR_ERROR_TEXTS.items())),
         "## Modes of operation\n",
         table(("6060h", "mode"), (*FAMILY_MODES.items(), *((mode.value, mode.name) for mode in Mode))),
+        "## What acts in a mode\n",
+        "Where an RPDO of the telegram contains an object, the gateway commands it. In telegram 100 nothing is set.\n",
+        table(
+            ("object", "modes (6060h)", "acts as", "treatment", "why"),
+            (
+                (
+                    f"{row.entry}{'' if row.mask == -1 else f', bits {row.mask:02X}h'}",
+                    ", ".join(str(mode.value) for mode in sorted(row.modes)),
+                    row.effect.value,
+                    row.treatment.value,
+                    row.why,
+                )
+                for row in ACTING
+            ),
+        ),
         "## Homing methods\n",
         table(("6098h", "method"), HOMING_METHODS.items()),
         "## PDO layouts\n",

@@ -205,6 +205,7 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     """Read an axis' drive and print its 100 % values and PDOs. None when the drive cannot run the telegram."""
     from pdgw.ds301.aborts import CanopenError
     from pdgw.ds301.node.sdo import Inquiry
+    from pdgw.dsp402.acting import left_to_the_drive
     from pdgw.dsp402.drive.client import load_eds
     from pdgw.dsp402.identification.generic import probe
     from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines
@@ -230,6 +231,8 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
             typer.echo(f"    {line}")
         return None
     plan = _plan(config, axis, drive)
-    for line in plan.lines:
+    modes = axis.drive_settings(axis.telegram, config.transport.cycle_time_ms).modes(drive)
+    left = left_to_the_drive(drive.acting, modes, {entry.address for entry in plan.commanded})
+    for line in (*plan.lines, *left):
         typer.echo(f"  {line}")
     return plan

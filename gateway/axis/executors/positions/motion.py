@@ -12,6 +12,7 @@ from typing import ClassVar, Final
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.objects import CanType, ObjectAddress
+from pdgw.dsp402.acting import HALT_SWITCHES_OFF, TURNS_ROUND
 from pdgw.dsp402.drive_type import POSITIONS, DriveType, Scaling
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, StatusBit
@@ -70,12 +71,14 @@ class MotionExecutor(Executor):
     POSITION_FOLLOWS: ClassVar[int] = 0
     """Cycles from "homing attained" to the position that counts from the new zero."""
 
-    def __init__(self, records: AxisRecords, positioner: Positioner, base: int) -> None:
+    def __init__(self, records: AxisRecords, positioner: Positioner, base: int, *, modulo: bool) -> None:
+        """``base``: mode of the tasks. ``modulo``: the direction to a target is chosen here, not by the drive."""
         super().__init__(records)
         assert isinstance(records.demand, MotionDemand), "the adapter of its telegrams has one"
         self._asked = records.demand
         self.positioner = positioner
         self._mode = ModeSwitch(self, base)
+        self._modulo = modulo
         self.homing = Homing(self, self._mode)
         self.command.modes_of_operation = self._mode.mode
         self._seen = positioner.seen
@@ -118,6 +121,9 @@ class MotionExecutor(Executor):
         """Cycles since the drive said that it has its zero."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        HALT_SWITCHES_OFF.check(drive.acting)
+        if not self._modulo:
+            TURNS_ROUND.check(drive.acting)
         self.homing.method = homing_method
         self.homing.methods = frozenset(drive.homing_methods)
         self._target_range = drive.limits("target_position")

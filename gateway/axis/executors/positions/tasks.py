@@ -64,7 +64,7 @@ class PositionerExecutor(MotionExecutor):
             raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
         self._basic = BasicPositioner(choices)
         self._travel = self._basic.travel
-        super().__init__(records, self._basic, _POSITION_MODE)
+        super().__init__(records, self._basic, _POSITION_MODE, modulo=choices.modulo > 0)
         self.choices: PositionerChoices = choices
         self._bounded = choices.software_limits is not None
         self._units: LengthUnits | None = None

@@ -34,8 +34,8 @@ class PositioningExecutor(MotionExecutor):
 
     def __init__(self, records: AxisRecords) -> None:
         self._mdi = MdiPositioner(self)
-        super().__init__(records, self._mdi, Mode.POSITION.value)
-        self._turntable = self.settings.modulo_axis
+        self._turntable = records.settings.modulo_axis
+        super().__init__(records, self._mdi, Mode.POSITION.value, modulo=self._turntable)
         self._turn_bits = dict.fromkeys(Direction, 0)
         """Controlword bits for the direction of a turntable."""
         self._scaling: TaskScaling | None = None
