@@ -89,6 +89,19 @@ def test_next_bring_up_checks_again() -> None:
     assert drive.dropped == {VELOCITY}
 
 
+def test_next_bring_up_reads_no_object_for_the_tpdos_of_the_last_one() -> None:
+    drive = Drive(STATUS)
+    drive.objects[VELOCITY] = TURNS
+    drive.run(2, b"\x37\x02" + STOPPED)
+    assert drive.check.dropped
+    drive.slot = TpdoSlot(STATUS, None, 0x181, watched=True)
+    drive.check.begin([drive.slot])
+    assert not drive.check.dropped
+    assert not drive.check.is_due(drive.time + SECOND - 1), "the drive has just begun to send it"
+    drive.run(2, b"\x37\x02" + STOPPED, b"\x37\x02" + TURNS)
+    assert not drive.check.is_due(drive.time + SECOND), "its object has changed in the TPDO"
+
+
 def test_reading_without_a_later_frame_does_not_count() -> None:
     drive = Drive(BOTH)
     drive.slot.receive(bytes(8), 1)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import can
 
+from pdgw.base.durations import MS
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.dsp402.drive.client import DriveClient, DriveEvent, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
@@ -91,6 +92,21 @@ class Plant:
         client.send(command, 1)
         site.wait_for(lambda: drive.model.controlword == 0x06, "the Controlword is heard")
         site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+
+    def run(self, words: Sequence[int], milliseconds: int, **values: int) -> None:
+        """Send these Controlwords one after another, with other values; the last one for this time."""
+        client = self.client
+        assert client is not None
+        command = DriveCommand()
+        for name, value in values.items():
+            setattr(command, name, value)
+        for word in words:
+            command.controlword = word
+            end = site.now() + (milliseconds if word == words[-1] else 20) * MS
+            while site.now() < end:
+                client.send(command, site.now())
+                client.refresh(site.now())
+                site.pass_time(4 * MS)
 
     def close(self) -> None:
         if self.client is not None:
