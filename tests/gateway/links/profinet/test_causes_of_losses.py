@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from pdgw.base.durations import SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.service.status import explanation, snapshot
 from tests.support.gateways.daemon import axis
@@ -120,3 +121,19 @@ def test_before_any_connect_the_remedy_is_that_of_profinet(tmp_path: Path) -> No
         assert "no controller has connected to the name of station press-1" in sentence(site)
         assert "modules and telegrams of the controller's project" in sentence(site)
         assert "port" not in sentence(site)
+
+
+def test_repeated_silence_is_the_cause_until_the_controller_connects_again(tmp_path: Path) -> None:
+    with turning(tmp_path) as site:
+        for _ in range(3):
+            site.plc.silent = True
+            site.run(40 * MS)
+            site.plc.silent = False
+            site.run(200 * MS)
+        assert re.search(
+            "the PLC is lost repeatedly: its frames come 4. .*ms apart, the limit is 12 ms", sentence(site)
+        )
+        release(site)
+        site.run(100 * MS)
+        site.connect()
+        assert "repeatedly" not in sentence(site)
