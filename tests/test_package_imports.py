@@ -115,7 +115,7 @@ ROWS = {
     "peers": "",
     "peers.node": "ds301 peers.habits",
     "peers.drive": "ds301 dsp402 peers.node peers.option_values",
-    "peers.drive.model": "ds301 dsp402 peers.drive.objects peers.option_values",
+    "peers.drive.model": "ds301 dsp402 peers.drive.objects peers.drive.option_codes peers.option_values",
     "peers.encoder": "ds301 dsp406 peers.habits peers.node peers.option_values",
     "peers.bus": "ds301 gateway.base peers.node",
     "peers.plc.exchange": f"{_FIELD} gateway",

@@ -10,6 +10,7 @@ from typing import Any, Final
 import can
 
 from pdgw.base.durations import MS
+from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.bus.port import CanPort
 from pdgw.ds301.communication import ERROR_CONTROL, GUARD_TIME, GUARD_TOGGLE, LIFE_TIME_FACTOR, NmtState
 from pdgw.ds301.configuration import EVENT_TIMER
@@ -23,6 +24,7 @@ from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.model.shapes import ENGEL, Machine, Shape
+from pdgw.peers.drive.option_codes import OPTION_CODES, is_simulated
 from pdgw.peers.node.behaviour import NONE, HabitValues
 from pdgw.peers.node.device import Value
 from pdgw.peers.node.node import SendFunction, SimulatedNode
@@ -33,9 +35,7 @@ _WITHOUT: Final = {
     0x6080: 6000,
     0x6073: 1000,
     0x6085: 10_000,
-    0x605A: 2,
-    0x605E: 2,
-    0x6007: 1,
+    **{index: code.default for index, code in OPTION_CODES.items()},
 }
 """Values used without an object: no limit, own rating, or the profile's default."""
 _STEADY: Final = frozenset(
@@ -139,6 +139,8 @@ class SimulatedDriveNode(SimulatedNode):
             setattr(self.model, entry.attribute, value)
             self.model.command()
             self.send_emergencies(self.model.emcy)
+        elif not is_simulated(entry.index, value):
+            raise SdoAbortedError(Abort.VALUE_RANGE)
         elif entry.index == touch_probe.FUNCTION:
             self.model.touch_probe_function = int(value)
             self.model.probe.command()

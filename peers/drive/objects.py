@@ -17,6 +17,7 @@ from pdgw.dsp402.identification.overlay import overlay, with_units
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import pdo
+from pdgw.peers.drive.option_codes import limits
 
 FAMILY = overlay("engel")
 FAMILY_MODES = FAMILY.modes
@@ -66,13 +67,13 @@ VALUES: Final = {
     (0x2003, 0): Value(0, high=0x7FFF),
     (0x2004, 0): Value(0, high=0x7FFF),
     (0x200C, 0): Value(0),
-    (0x6007, 0): Value(0, low=0, high=3),
+    (0x6007, 0): Value(0, *limits(0x6007)),
     (0x603F, 0): Value(0),
     (0x6040, 0): Value(0),
     (0x6041, 0): Value(0),
     (0x605A, 0): Value(2, low=0, high=2),
-    (0x605B, 0): Value(0, low=0, high=1),
-    (0x605C, 0): Value(0, low=0, high=1),
+    (0x605B, 0): Value(0, *limits(0x605B)),
+    (0x605C, 0): Value(0, *limits(0x605C)),
     (0x605D, 0): Value(1, low=1, high=1),
     (0x605E, 0): Value(2, low=0, high=2),
     (0x6060, 0): Value(1),

@@ -157,6 +157,8 @@ def test_an_enable_that_waited_starts_a_drive_in_ready_to_switch_on_for_10_ms_at
         plc.endpoint.set(0, {"STW1": ON & ~0x8, "NSOLL_A": FULL_SPEED})
         plc.until(lambda: plc.state() == 0x03, "switched on")
         drive, world = drive_of(daemon), world_of(daemon)
+        # Without its guarding, which ends Ready To Switch On before.
+        drive.do(lambda node: node.set_data(0x1016, 1, bytes(4), check_writable=True))
         drive.do(lambda node: node.start_fault("late-status", delay_ms=100))
         enabled: list[int] = []
         drive.do(

@@ -24,6 +24,10 @@ class Homing(ModeOfOperation):
         self._reached = True
         self._index_from = 0.0
 
+    @property
+    def slow_down_rate(self) -> float:
+        return self.drive.acceleration(self.drive.read(HOMING_ACCELERATION, 0), MAX_ACCELERATION)
+
     def selected(self) -> None:
         self.disabled()
         self._attained = self._error = False
@@ -72,9 +76,9 @@ class Homing(ModeOfOperation):
 
     def move(self) -> None:
         drive, phase = self.drive, self._phase
-        acceleration = drive.acceleration(drive.read(HOMING_ACCELERATION, 0), MAX_ACCELERATION)
+        acceleration = self.slow_down_rate
         if not phase or phase == "stopping" or drive.halted:
-            if drive.slow_down(acceleration):
+            if drive.slow_down(drive.halt_rate(acceleration) if drive.halted else acceleration):
                 self._reached = self._reached or not phase or drive.halted
                 if phase == "stopping":
                     self._phase = ""

@@ -7,18 +7,22 @@ from collections.abc import Callable
 from pdgw.base.durations import MS, US
 from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.dsp402.objects import (
+    HALT_OPTION,
     HOME_OFFSET,
+    MAX_DECELERATION,
     MAX_MOTOR_SPEED,
     MAX_PROFILE_VELOCITY,
     MOTION_PROFILE_TYPE,
     PROFILE_DECELERATION,
+    QUICK_STOP_DECELERATION,
     VELOCITY_ENCODER_FACTOR,
 )
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import ControlBit, State
-from pdgw.peers.drive.model.ramps import TICK, Ramp
+from pdgw.peers.drive.model.ramps import TICK, TORQUE_ACCELERATION, Ramp
 from pdgw.peers.drive.model.shapes import Machine, Shape
+from pdgw.peers.drive.option_codes import OPTION_CODES, Braking
 
 ObjectReader = Callable[[int, int], int]
 
@@ -37,6 +41,8 @@ class DriveImage:
         self.wraps = shape.wraps
         self.jerk_ms = 0
         """Time until a ramp of a speed has its full rate."""
+        self.quick_stop_deceleration = 0
+        """The quick stop ramp in acceleration units; 0: 6085h."""
         self.started = 0
         """Number of setpoints and homings started since the device was created."""
 
@@ -116,6 +122,26 @@ class DriveImage:
         """Deceleration in acceleration units: 6084h, or 6083h for a drive without it (CiA 402)."""
         one_ramp = PROFILE_DECELERATION in self.shape.lacks
         return self.profile_acceleration if one_ramp else self.profile_deceleration
+
+    @property
+    def slow_down_rate(self) -> float:
+        """Deceleration of the slow down ramp in rpm/s."""
+        return self.acceleration(self.profile_braking, MAX_DECELERATION)
+
+    def action(self, option: int) -> object:
+        """What an option code stands for, see ``OPTION_CODES``."""
+        return OPTION_CODES[option].actions[self.read(option, 0)]
+
+    def braking_rate(self, option: int, slow_down: float) -> float:
+        """Deceleration by an option code that does not free the motor. ``slow_down``: of the mode of operation (both rpm/s)."""
+        braking = self.action(option)
+        if braking is Braking.QUICK_STOP:
+            return self._rate * (self.quick_stop_deceleration or self.read(QUICK_STOP_DECELERATION, 0))
+        return TORQUE_ACCELERATION * self.max_torque / 1000 if braking is Braking.CURRENT_LIMIT else slow_down
+
+    def halt_rate(self, slow_down: float) -> float:
+        """Deceleration of Halt (rpm/s)."""
+        return self.braking_rate(HALT_OPTION, slow_down)
 
     @property
     def sine(self) -> bool:

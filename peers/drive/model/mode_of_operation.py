@@ -17,9 +17,16 @@ class ModeOfOperation:
     """Whether the mode sets the torque itself."""
     synchronous: ClassVar[bool] = False
     """Whether the mode needs a setpoint with each SYNC."""
+    halts: ClassVar[bool] = True
+    """Whether Halt acts in the mode."""
 
     def __init__(self, drive: DriveImage) -> None:
         self.drive = drive
+
+    @property
+    def slow_down_rate(self) -> float:
+        """Deceleration of the slow down ramp in rpm/s."""
+        return self.drive.slow_down_rate
 
     def selected(self) -> None:
         """The mode is selected (6061h): discard all earlier data."""

@@ -17,11 +17,12 @@ from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import (
     ABORT_OPTION,
+    DISABLE_OPERATION_OPTION,
     FAULT_REACTION_OPTION,
-    MAX_DECELERATION,
+    HALT_OPTION,
     POSITION_RANGE_LIMIT,
-    QUICK_STOP_DECELERATION,
     QUICK_STOP_OPTION,
+    SHUTDOWN_OPTION,
 )
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
@@ -33,6 +34,7 @@ from pdgw.peers.drive.model.probe import TouchProbe
 from pdgw.peers.drive.model.ramps import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
 from pdgw.peers.drive.model.shapes import ENGEL, ROTARY_AXIS, Machine, Shape
 from pdgw.peers.drive.objects import DRIVE_FAULTS, OBJECTS
+from pdgw.peers.drive.option_codes import STAYS_STOPPED, Braking
 
 DI1: Final = 1 << 16
 _LIMITS: Final = NEGATIVE_LIMIT | POSITIVE_LIMIT
@@ -40,11 +42,8 @@ _INT32_MAX: Final = (1 << 31) - 1
 _RAMPED_STATES: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _ENDS_BY_ITSELF: Final = (State.NOT_READY_TO_SWITCH_ON, State.QUICK_STOP_ACTIVE)
 """The drive leaves them without a command."""
-_QUICK_RAMPS: Final = (2, 6)
-_STAYS_STOPPED: Final = 5
-"""605Ah from this value on: the drive stays in Quick Stop Active."""
-_ABORT_COMMANDS: Final = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
-"""Device control command of 6007h."""
+_DISABLING: Final = {State.READY_TO_SWITCH_ON: SHUTDOWN_OPTION, State.SWITCHED_ON: DISABLE_OPERATION_OPTION}
+"""The option code of a transition from Operation Enabled, by its target."""
 _SYNC_FAULT: Final = replace(DRIVE_FAULTS[12], name="SYNC missing", error_code=0x8700)
 _STATE_BITS: Final = {
     state: bits
@@ -155,10 +154,8 @@ class DriveModel(DriveImage):
         self.wake()
 
     def set_enable_input(self, on: bool) -> None:
-        """Digital input DI1: the power stage is only enabled while it is set."""
+        """Digital input DI1: Enable Operation is Disable Operation without it."""
         self.digital_inputs = self.digital_inputs | DI1 if on else self.digital_inputs & ~DI1
-        if not on and self.state is State.OPERATION_ENABLED:
-            self._enter(State.SWITCHED_ON)
         # The Controlword is a level: an active Enable Operation takes effect as soon as the input permits.
         self.wake()
         self.command()
@@ -174,18 +171,20 @@ class DriveModel(DriveImage):
     def abort_connection(self) -> None:
         """The connection to the master is lost: react according to 6007h.
 
-        In Switched On as well: its last Controlword may be an Enable Operation that waits only for DI1.
+        Also without power: its last Controlword may be an Enable Operation that waits only for DI1.
         """
         self.wake()
         if not self.stop_ramp and self.state is State.QUICK_STOP_ACTIVE:
             self._enter(State.SWITCH_ON_DISABLED)
-        if self.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}:
+        if self.state is State.NOT_READY_TO_SWITCH_ON:
             return
-        option = self.read(ABORT_OPTION, 0)
-        if option == 1:
+        action = self.action(ABORT_OPTION)
+        if isinstance(action, Command):
+            target = next_state(self.state, action.word, self.controlword)
+            if target is not self.state:
+                self._enter(target)
+        elif action is not None:
             self._fault(DRIVE_FAULTS[12])
-        elif option in _ABORT_COMMANDS:
-            self._enter(next_state(self.state, _ABORT_COMMANDS[option].word, self.controlword))
         self._update()
 
     def command(self) -> None:
@@ -197,8 +196,9 @@ class DriveModel(DriveImage):
         before = self.mode, self._condition()
         self._select_mode(word)
         if self.state is State.FAULT:
-            self._reset_edges += next_state(self.state, word, previous) is not State.FAULT
-            if self._reset_edges >= self.fault_reset_edges and not self.causes:
+            # An edge while a cause is present is lost.
+            self._reset_edges += not self.causes and next_state(self.state, word, previous) is not State.FAULT
+            if self._reset_edges >= self.fault_reset_edges:
                 self._reset_edges = 0
                 self.error_code = self.emcy_code = self.error_register = 0
                 self.emcy.append((0, 0))
@@ -208,9 +208,11 @@ class DriveModel(DriveImage):
             if target is State.SWITCHED_ON and self.state is State.READY_TO_SWITCH_ON:
                 self._enter(target)
                 target = next_state(self.state, word, previous)
+            if target is State.OPERATION_ENABLED and not self.digital_inputs & DI1:
+                target = State.SWITCHED_ON
             if target is self.state:
                 self._next_state = self._next_state if self.state in _ENDS_BY_ITSELF else None
-            elif target is not State.OPERATION_ENABLED or self.digital_inputs & DI1:
+            else:
                 self._enter(target)
         if self.state is State.OPERATION_ENABLED:
             self.motion.command(word, previous)
@@ -235,7 +237,11 @@ class DriveModel(DriveImage):
     def _enter(self, state: State) -> None:
         if state is not self._next_state:
             self._next_state, self._waited = state, 0
+        if state is State.QUICK_STOP_ACTIVE and self.action(QUICK_STOP_OPTION) is Braking.NONE:
+            state = State.SWITCH_ON_DISABLED
         powered = self.state is State.OPERATION_ENABLED
+        if powered and self.ramp.speed and state in _DISABLING and self.action(_DISABLING[state]) is not Braking.NONE:
+            return  # it slows down first
         if self._waited < self.transition_ms.get((self.state, state), 0) and (powered or self.ramp.speed == 0.0):
             return
         self._next_state = None
@@ -248,8 +254,6 @@ class DriveModel(DriveImage):
             self.motion.disabled()
         elif not ramped:
             self.motion.enabled()
-        if state is State.QUICK_STOP_ACTIVE and self.read(QUICK_STOP_OPTION, 0) == 0:
-            self.state = State.SWITCH_ON_DISABLED
 
     def _fault(self, fault: DriveFault) -> None:
         if self.state in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
@@ -258,6 +262,7 @@ class DriveModel(DriveImage):
         self.emcy_code = fault.error_code
         self.error_register = fault.error_register
         self.emcy.append((fault.error_code, fault.error_register))
+        self._reset_edges = 0
         self.wake()
         self._enter(State.FAULT_REACTION_ACTIVE)
         self._update()
@@ -367,19 +372,19 @@ class DriveModel(DriveImage):
         state = self.state
         if state is State.OPERATION_ENABLED:
             if self._next_state is not None:
-                self.slow_down(self.acceleration(self.profile_braking, MAX_DECELERATION))
+                self.slow_down(self.motion.slow_down_rate)
+            elif self.halted and self.motion.halts and self.action(HALT_OPTION) is Braking.NONE:
+                self._enter(State.SWITCH_ON_DISABLED)
             elif self._closed_ticks:
                 self._closed_ticks -= 1
             elif not self._sync_is_lost():
                 self.motion.move()
         elif state is State.QUICK_STOP_ACTIVE:
-            option = self.read(QUICK_STOP_OPTION, 0)
-            stopped = self.stop_ramp and self.slow_down(self._quick_deceleration(option in _QUICK_RAMPS))
-            if stopped and option < _STAYS_STOPPED:
+            stopped = self.stop_ramp and self._brakes(QUICK_STOP_OPTION)
+            if stopped and self.read(QUICK_STOP_OPTION, 0) < STAYS_STOPPED:
                 self._enter(State.SWITCH_ON_DISABLED)
         elif state is State.FAULT_REACTION_ACTIVE:
-            option = self.read(FAULT_REACTION_OPTION, 0)
-            if option == 0 or self.slow_down(self._quick_deceleration(option == 2)):
+            if self._brakes(FAULT_REACTION_OPTION):
                 self._enter(State.FAULT)
         else:
             self.ramp.linear(0.0, COAST_DECELERATION, COAST_DECELERATION)
@@ -394,10 +399,10 @@ class DriveModel(DriveImage):
             self._fault(_SYNC_FAULT)
         return lost
 
-    def _quick_deceleration(self, quick: bool) -> float:
-        if quick:
-            return self._rate * self.read(QUICK_STOP_DECELERATION, 0)
-        return self.acceleration(self.profile_braking, MAX_DECELERATION)
+    def _brakes(self, option: int) -> bool:
+        """Brake for one tick. Return whether that has ended: at standstill, or at once without power."""
+        free = self.action(option) is Braking.NONE
+        return free or self.slow_down(self.braking_rate(option, self.motion.slow_down_rate))
 
     def _turn(self) -> None:
         """Move the axis up to a mechanical stop."""

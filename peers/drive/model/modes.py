@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import (
+    HALT_OPTION,
     INTERPOLATION_TIME,
     MAX_ACCELERATION,
     MAX_CURRENT,
-    MAX_DECELERATION,
     POSITION_RANGE_LIMIT,
     VELOCITY_THRESHOLD,
     VELOCITY_WINDOW,
@@ -38,6 +38,7 @@ from pdgw.peers.drive.model.ramps import (
     speed_toward,
 )
 from pdgw.peers.drive.objects import CURRENT_CONTROL, SPEED_CONTROL, TURNTABLE
+from pdgw.peers.drive.option_codes import Braking
 
 
 @dataclass(slots=True)
@@ -57,6 +58,7 @@ class CyclicPosition(ModeOfOperation):
     """
 
     synchronous = True
+    halts = False
 
     def __init__(self, drive: DriveImage) -> None:
         super().__init__(drive)
@@ -135,7 +137,7 @@ class ProfilePosition(ModeOfOperation):
             self._target(word),
             min(drive.profile_velocity * drive.unit, drive.speed_limit),
             drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION),
-            drive.acceleration(drive.profile_braking, MAX_DECELERATION),
+            drive.slow_down_rate,
         )
         self._acknowledged = True
         if self.setpoint is not None and not word & ControlBit.CHANGE_IMMEDIATELY:
@@ -169,11 +171,10 @@ class ProfilePosition(ModeOfOperation):
     def move(self) -> None:
         drive, setpoint = self.drive, self.setpoint
         if drive.halted or setpoint is None:
+            deceleration = setpoint.deceleration if setpoint else drive.slow_down_rate
             if drive.halted:
                 self.setpoint = self._queued = None
-            deceleration = (
-                setpoint.deceleration if setpoint else drive.acceleration(drive.profile_braking, MAX_DECELERATION)
-            )
+                deceleration = drive.halt_rate(deceleration)
             if drive.slow_down(deceleration) and drive.halted:
                 self._reached = True
             return
@@ -255,7 +256,10 @@ class _SpeedMode(ModeOfOperation):
         limit = drive.speed_limit
         target = min(max(self._demanded(), -limit), limit)
         drive.limited = drive.against_limit(target)
-        self._follow(0.0 if drive.limited else target)
+        if drive.halted and not (drive.sine and drive.action(HALT_OPTION) is Braking.SLOW_DOWN):
+            drive.slow_down(drive.halt_rate(self.slow_down_rate))
+        else:
+            self._follow(0.0 if drive.limited else target)
 
     def _demanded(self) -> float:
         return self.drive.target_velocity * self.drive.unit
@@ -267,8 +271,7 @@ class _SpeedMode(ModeOfOperation):
             return
         acceleration = drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION)
         acceleration = min(acceleration, TORQUE_ACCELERATION * self._torque() / 1000)
-        braking = drive.acceleration(drive.profile_braking, MAX_DECELERATION)
-        drive.ramp.linear(target, acceleration, braking, drive.jerk_ms)
+        drive.ramp.linear(target, acceleration, drive.slow_down_rate, drive.jerk_ms)
 
     def _torque(self) -> int:
         return self.drive.max_torque
@@ -301,8 +304,14 @@ class VelocityMode(_SpeedMode):
 
     def _follow(self, target: float) -> None:
         drive = self.drive
-        up, down = (drive.read(index, 1) / max(1, drive.read(index, 2)) for index in (VL_ACCELERATION, VL_DECELERATION))
-        drive.ramp.linear(target, up, down)
+        drive.ramp.linear(target, self._rate_of(VL_ACCELERATION), self.slow_down_rate)
+
+    def _rate_of(self, index: int) -> float:
+        return self.drive.read(index, 1) / max(1, self.drive.read(index, 2))
+
+    @property
+    def slow_down_rate(self) -> float:
+        return self._rate_of(VL_DECELERATION)
 
 
 class CyclicVelocity(_SpeedMode):
@@ -342,10 +351,10 @@ class Torque(ModeOfOperation):
         return self.drive.max_rpm
 
     def _release(self) -> None:
-        """Command zero torque."""
+        """Command zero torque, or Halt."""
         drive = self.drive
-        deceleration = drive.acceleration(drive.profile_braking, MAX_DECELERATION)
-        drive.ramp.linear(0.0, deceleration, deceleration)
+        rate = drive.halt_rate(drive.slow_down_rate) if drive.halted else drive.slow_down_rate
+        drive.ramp.linear(0.0, rate, rate)
 
 
 class CyclicTorque(Torque):

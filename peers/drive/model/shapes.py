@@ -31,7 +31,8 @@ from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.peers import option_values
-from pdgw.peers.drive.objects import DRIVE_TYPE, FAMILY, FAMILY_MODES, INFO, OBJECTS, REVISION, drive_objects
+from pdgw.peers.drive.objects import DRIVE_TYPE, FAMILY, FAMILY_MODES, INFO, OBJECTS, REVISION, VALUES, drive_objects
+from pdgw.peers.drive.option_codes import OPTION_CODES, limits
 
 POSITIONS = ("touch_probe_1_rising", "touch_probe_1_falling", "touch_probe_2_rising", "touch_probe_2_falling")
 """Attributes of the image, by edge of the touch probe."""
@@ -45,12 +46,22 @@ _MAX_RPM_S = 10_000
 _PROFILE_RPM_S = 3000
 _ENGEL_MODES = frozenset({*FAMILY_MODES, Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING})
 _RPM_MODES = frozenset({Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value})
+_OPTION_CODES: Final = {(index, 0): VALUES[index, 0].default for index in OPTION_CODES}
 _RPM: Final = 0x00B4_4700
+
+
+def _with_limits(spec: ObjectSpec) -> ObjectSpec:
+    if spec.index not in OPTION_CODES:
+        return spec
+    low, high = limits(spec.index)
+    return replace(spec, entries=tuple(replace(entry, low=low, high=high) for entry in spec.entries))
+
+
 _CATALOGUE: Final = (
     var(SYNC_PERIOD, "Communication cycle period", _U32, _RW, unit="us"),
     var(GUARD_TIME, "Guard time", _U16, _RW, unit="ms"),
     var(LIFE_TIME_FACTOR, "Life time factor", _U8, _RW),
-    *DRIVE_OBJECTS.objects,
+    *map(_with_limits, DRIVE_OBJECTS.objects),
     *FURTHER_OBJECTS,
     var(touch_probe.FUNCTION, "Touch probe function", _U16, _RW, pdo=True, attribute="touch_probe_function"),
     var(touch_probe.STATUS, "Touch probe status", _U16, _RO, pdo=True, attribute="touch_probe_status"),
@@ -196,7 +207,7 @@ def _shape(name: str, keys: dict[str, Any]) -> Shape:
         }
         keys = {**in_rpm, **keys}
         units = keys["velocity_per_rpm"], keys["acceleration_per_rpm_s"]
-        values = _values(*units, keys["modes"]) | values
+        values = _OPTION_CODES | _values(*units, keys["modes"]) | values
         keys["info"] = DeviceInfo("Nobody", f"Simulated drive {name}", _VENDOR_ID, product_code, REVISION)
         lacks |= _MANUFACTURER
     return Shape(name, has=objects_with(values, lacks), lacks=lacks, **keys)
