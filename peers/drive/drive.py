@@ -35,6 +35,7 @@ _WITHOUT: Final = {
     0x6080: 6000,
     0x6073: 1000,
     0x6085: 10_000,
+    0x60F2: 2,
     **{index: code.default for index, code in OPTION_CODES.items()},
 }
 """Values used without an object: no limit, own rating, or the profile's default."""

@@ -11,10 +11,10 @@ from random import Random
 from typing import TYPE_CHECKING, Final, cast
 
 from pdgw.base.durations import MS
-from pdgw.dsp402.states import Command, State
+from pdgw.dsp402.states import UNPOWERED, Command, State
 from pdgw.peers.drive.model.latency import DelayLine
 from pdgw.peers.node.behaviour import Behaviour, catalogue
-from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS, Periodic, Reboot
+from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS, ObjectValue, Periodic, Reboot
 
 if TYPE_CHECKING:
     from pdgw.peers.drive.model.model import DriveModel
@@ -124,6 +124,56 @@ class Noise(_Disguise):
 # -- machine and power ----------------------------------------------------------------------------------------------------
 
 
+class _Load(DriveBehaviour):
+    """The machine moves the shaft: ``speed`` is added to that of the ramp in each tick."""
+
+    def begin(self) -> None:
+        self.model.loads.append(self.speed)
+
+    def end(self) -> None:
+        self.model.loads.remove(self.speed)
+
+    def speed(self, model: DriveModel) -> float:
+        """rpm."""
+        raise NotImplementedError
+
+
+class RunsAway(_Load):
+    """In operation the shaft accelerates to a speed, whatever the setpoint is, as with wrong motor phases or a wrong direction
+    of the encoder. ``braking``: a stop ramp still brakes it, else only a motor without power.
+    """
+
+    rpm = 0
+    ramp_ms = 0
+    braking = 1
+    _away: float | None = None
+
+    def speed(self, model: DriveModel) -> float:
+        if model.state is State.OPERATION_ENABLED or not (self.braking or model.state in UNPOWERED):
+            step = self.rpm / self.ramp_ms
+            away = (model.ramp.speed if self._away is None else self._away) + step
+            self._away = min(away, self.rpm) if step > 0 else max(away, self.rpm)
+            return self._away - model.ramp.speed
+        if self._away is not None:
+            model.ramp.set(self._away)
+            self._away = None
+        return 0.0
+
+
+class MinimumSpeed(ObjectValue, DriveBehaviour):
+    """An inverter with a minimum speed. ``turns_at_0``: also at setpoint 0."""
+
+    turns_at_0 = 1
+
+    def begin(self) -> None:
+        super().begin()
+        self.model.stands_at_setpoint_0 = not self.turns_at_0
+
+    def end(self) -> None:
+        super().end()
+        self.model.stands_at_setpoint_0 = False
+
+
 class LimitSwitch(DriveBehaviour):
     """A limit switch is active at the present position: the drive stops motion in that direction."""
 
@@ -214,6 +264,8 @@ DRIVE_HABITS: Final = {
             ShownBits,
             LateBits,
             Noise,
+            RunsAway,
+            MinimumSpeed,
             LimitSwitch,
             EnableInputDropped,
             EnablesItself,

@@ -22,6 +22,8 @@ class Device:
         self.entries: dict[tuple[int, int], Entry] = {(e.index, e.subindex): e for s in objects for e in s.entries}
         self.indices = {spec.index for spec in objects}
         self.values: dict[tuple[int, int], Value] = {}
+        self.stored: dict[tuple[int, int], Value] = {}
+        """Values after a reset that replace those of the entries."""
         self.boot_ms = 0
         """Time without answers after power-on and reset."""
         self.starts_itself = False

@@ -56,7 +56,6 @@ class SimulatedNode(Device):
     ) -> None:
         super().__init__(node_id, objects, image)
         self.send = send
-        self.stored: dict[tuple[int, int], Value] = {}
         self.pdos = NodePdos(self)
         self._heartbeat_due = 0
         self._consumed: dict[int, tuple[int, int]] = {}

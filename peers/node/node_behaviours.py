@@ -17,10 +17,9 @@ from pdgw.base.durations import MS
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand
-from pdgw.ds301.configuration import TRANSMISSION_TYPE
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
-from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter
+from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter
 from pdgw.ds301.sdo_transfer import COMMAND, CONFIRM, DOWNLOAD, EXPEDITED, SEGMENT, SIZE, TOGGLE, UPLOAD
 from pdgw.peers.node.behaviour import Behaviour, catalogue
 from pdgw.peers.node.device import Value
@@ -193,26 +192,49 @@ class MappingRefused(Behaviour):
 
 
 class ObjectValue(Behaviour):
-    """Objects have other values after power-on. ``read_only``: which cannot be written."""
+    """Objects have other values after power-on. ``read_only``: which cannot be written.
+
+    ``type``: of objects that the device has besides its own. Without it, an object that the device lacks stays missing.
+    """
 
     index = 0
     subindexes: Sequence[int] = (0,)
     value = 0
     read_only = False
+    type = ""
 
     def begin(self) -> None:
         node = self.node
-        addresses = [(self.index, sub) for sub in self.subindexes if (self.index, sub) in node.entries]
-        self._before = [(address, node.entries[address], node.values[address]) for address in addresses]
-        for address, entry, _ in self._before:
-            self._put(address, replace(entry, default=self.value), self.value)
+        self._own: dict[Entry, Value] = {}
+        self._added: list[tuple[int, int]] = []
+        for address in ((self.index, sub) for sub in self.subindexes):
+            entry = node.entries.get(address)
+            if entry is not None:
+                self._own[entry] = getattr(node.image, entry.attribute) if entry.attribute else node.values[address]
+            elif self.type:
+                node.indices.add(self.index)
+                self._added.append(address)
+                entry = Entry(*address, self.habit.name, CanType[self.type])
+            if entry is not None:
+                self._put(replace(entry, default=self.value), self.value)
+                if entry.attribute:
+                    node.stored[address] = self.value
 
     def end(self) -> None:
-        for item in self._before:
-            self._put(*item)
+        node = self.node
+        for address in self._added:
+            del node.entries[address], node.values[address]
+            node.indices.discard(self.index)
+        for entry, value in self._own.items():
+            node.stored.pop(entry.address, None)
+            self._put(entry, value)
 
-    def _put(self, address: tuple[int, int], entry: Entry, value: Value) -> None:
-        self.node.entries[address], self.node.values[address] = entry, value
+    def _put(self, entry: Entry, value: Value) -> None:
+        self.node.entries[entry.address] = entry
+        if entry.attribute:
+            setattr(self.node.image, entry.attribute, value)
+        else:
+            self.node.values[entry.address] = value
 
     def writing(self, entry: Entry, data: bytes) -> bytes:
         if self.read_only and entry.index == self.index and entry.subindex in self.subindexes:
@@ -420,11 +442,7 @@ class Reboot(Periodic):
 class SyncCounter(ObjectValue):
     """The device has 1019h, and accepts a SYNC only with the counter that this object demands."""
 
-    def begin(self) -> None:
-        self.node.indices.add(self.index)
-        like = self.node.entries[PdoDirection.TPDO.communication_index, TRANSMISSION_TYPE]
-        self._put((self.index, 0), replace(like, index=self.index, subindex=0), 0)
-        super().begin()
+    type = "U8"
 
     def incoming(self, can_id: int, data: bytes) -> bool:
         sync = can_id == self.node.values[com.SYNC_COB_ID, 0]

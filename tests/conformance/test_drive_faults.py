@@ -39,6 +39,9 @@ _OTHERWISE = {
     ("heartbeat-stops", "stays-stopped"): "it stays in Quick Stop Active with power",
     ("lost-pdos", "stays-stopped"): "it stays in Quick Stop Active with power",
     ("unknown-state", "stays-stopped"): "it stays in Quick Stop Active with power",
+    ("runs-away", 9): "a task has no check of its speed",
+    ("runs-away", 100): "the PLC has to stop",
+    ("runs-away", "stays-stopped"): "it stays in Quick Stop Active with power",
 }
 """Combinations in which the reaction is another one, and why."""
 _ALL = [

@@ -43,6 +43,8 @@ class DriveImage:
         """Time until a ramp of a speed has its full rate."""
         self.quick_stop_deceleration = 0
         """The quick stop ramp in acceleration units; 0: 6085h."""
+        self.stands_at_setpoint_0 = False
+        """A setpoint of 0 of velocity mode is 0, not the minimum speed (6046h/1)."""
         self.started = 0
         """Number of setpoints and homings started since the device was created."""
 
@@ -129,7 +131,7 @@ class DriveImage:
         return self.acceleration(self.profile_braking, MAX_DECELERATION)
 
     def action(self, option: int) -> object:
-        """What an option code stands for, see ``OPTION_CODES``."""
+        """The meaning of an option code, see ``OPTION_CODES``."""
         return OPTION_CODES[option].actions[self.read(option, 0)]
 
     def braking_rate(self, option: int, slow_down: float) -> float:

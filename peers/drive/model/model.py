@@ -53,6 +53,8 @@ _STATE_BITS: Final = {
     for state, bits in STATUS_OF.items()
 }
 """Bits of the Statusword in each state, without those of the mode."""
+_STANDSTILL_RPM: Final = 10.0
+"""A load moves the shaft no faster at the end of a stop."""
 _CATCH_UP_TICKS: Final = 1000
 """Longest simulated gap. After a longer gap between two calls the drive loses the rest of the time."""
 
@@ -65,6 +67,8 @@ class DriveModel(DriveImage):
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
         """Functions that falsify the image; called with the model's time after each of its updates."""
+        self.loads: list[Callable[[DriveModel], float]] = []
+        """Functions that add a speed (rpm) to that of the ramp in each tick: what the machine does to the shaft."""
         self._disguised = False
         """The image is falsified: it shows the drive again after the next update without disguises."""
         self.latency = Latency()
@@ -95,6 +99,8 @@ class DriveModel(DriveImage):
         self.error_register = 0
         self.state = State.NOT_READY_TO_SWITCH_ON
         self.ramp = Ramp()
+        self.deviation = 0.0
+        """Speed of the shaft beyond that of the ramp, in rpm."""
         self.machine_position = 0.0
         self.zero = 0.0
         self.digital_inputs = DI1
@@ -136,6 +142,11 @@ class DriveModel(DriveImage):
         if causes:
             self._fault(DRIVE_FAULTS[min(causes)])
         self._update()
+
+    @property
+    def speed(self) -> float:
+        """Speed of the shaft in rpm."""
+        return self.ramp.speed + self.deviation
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
@@ -316,7 +327,7 @@ class DriveModel(DriveImage):
     def turned(self, now: int) -> float:
         """Increments of the machine at ``now``, including the part of a tick."""
         self.advance(now)
-        return self.machine_position + increments_per_second(self.ramp.speed) * (now - self._time) / SECOND
+        return self.machine_position + increments_per_second(self.speed) * (now - self._time) / SECOND
 
     def wake(self) -> None:
         """Something outside has changed: the next tick may differ from the last one."""
@@ -331,6 +342,7 @@ class DriveModel(DriveImage):
         if (
             self.ramp.speed == speed  # not on a ramp; the rest takes longer to compare
             and before == self._condition()
+            and not self.loads
             and not (self._sync_ticks and self.state is State.OPERATION_ENABLED)
         ):
             self._resting = self.ramp.speed == 0.0
@@ -401,17 +413,21 @@ class DriveModel(DriveImage):
 
     def _brakes(self, option: int) -> bool:
         """Brake for one tick. Return whether that has ended: at standstill, or at once without power."""
-        free = self.action(option) is Braking.NONE
-        return free or self.slow_down(self.braking_rate(option, self.motion.slow_down_rate))
+        if self.action(option) is Braking.NONE:
+            return True
+        stopped = self.slow_down(self.braking_rate(option, self.motion.slow_down_rate))
+        return stopped and abs(self.deviation) < _STANDSTILL_RPM
 
     def _turn(self) -> None:
         """Move the axis up to a mechanical stop."""
-        position = self.machine_position + increments_per_second(self.ramp.speed) * TICK
+        self.deviation = sum(load(self) for load in self.loads)
+        position = self.machine_position + increments_per_second(self.speed) * TICK
         pressing = not self.machine.within_stops(position)
         if pressing:
             position = min(max(position, self.machine.negative_stop), self.machine.positive_stop)
-            self._pressed = self.max_torque if self.ramp.speed > 0 else -self.max_torque
+            self._pressed = self.max_torque if self.speed > 0 else -self.max_torque
             self.ramp.set(0.0)
+            self.deviation = 0.0
         if self._pressed and not self.motion.makes_torque:
             self.current_actual = self._pressed = self._pressed if pressing else 0
         self.probe.turned(self.machine_position, position)
@@ -434,11 +450,15 @@ class DriveModel(DriveImage):
 
     def _units(self) -> int:
         """Actual velocity in the units of the drive."""
-        return min(max(round(self.ramp.speed / self.unit), -_INT32_MAX), _INT32_MAX)
+        return self._in_units(self.speed)
+
+    def _in_units(self, rpm: float) -> int:
+        return min(max(round(rpm / self.unit), -_INT32_MAX), _INT32_MAX)
 
     def _update(self) -> None:
         units = self._units()
-        self.velocity_actual = self.velocity_demand = units
+        self.velocity_actual = units
+        self.velocity_demand = self._in_units(self.ramp.speed) if self.deviation else units
         self.position_actual = self._shown_position()
         self.second_position = _wrap32(round(self.machine_position * SECOND_ENCODER_STEPS))
         self.encoder_position = _wrap16(round(self.machine_position))

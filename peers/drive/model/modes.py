@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.modes import Mode
@@ -18,11 +19,14 @@ from pdgw.dsp402.objects import (
     INTERPOLATION_TIME,
     MAX_ACCELERATION,
     MAX_CURRENT,
+    POSITION_OFFSET,
     POSITION_RANGE_LIMIT,
+    POSITIONING_OPTION,
     VELOCITY_THRESHOLD,
     VELOCITY_WINDOW,
     VL_ACCELERATION,
     VL_DECELERATION,
+    VL_MIN_MAX,
 )
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.peers.drive.model.homing import Homing
@@ -40,6 +44,18 @@ from pdgw.peers.drive.model.ramps import (
 from pdgw.peers.drive.objects import CURRENT_CONTROL, SPEED_CONTROL, TURNTABLE
 from pdgw.peers.drive.option_codes import Braking
 
+_RELATIVE_OPTION: Final = 0x0003
+"""Bits of 60F2h: 0 is relative to the previous target; else to the demanded or actual position, which are equal here."""
+_DIRECTION_SHIFT: Final = 6
+NEGATIVE_WAY, POSITIVE_WAY, SHORTEST_WAY = 1, 2, 3
+"""Direction of a rotary axis, in 60F2h from this bit on; 0: as on a linear axis."""
+
+
+def way_to(forward: float, turn: float, direction: int) -> float:
+    """The way to an angle that is ``forward`` away, of ``turn``, in a direction."""
+    backward = direction == NEGATIVE_WAY or (direction == SHORTEST_WAY and forward > turn / 2)
+    return forward - turn if backward and forward else forward
+
 
 @dataclass(slots=True)
 class Setpoint:
@@ -52,7 +68,7 @@ class Setpoint:
 
 
 class CyclicPosition(ModeOfOperation):
-    """Move to the newest target in a straight line over 60C2h.
+    """Move to the newest target, with the offset of 60B0h, in a straight line over 60C2h.
 
     Without a new target the motion ends there. If SYNC has a period (1006h), it first continues for one more 60C2h.
     """
@@ -79,7 +95,7 @@ class CyclicPosition(ModeOfOperation):
         return max(1, round(read(INTERPOLATION_TIME, 1) * 10.0 ** read(INTERPOLATION_TIME, 2) / TICK))
 
     def received(self) -> None:
-        goal = float(self.drive.target_position)
+        goal = float(self.drive.target_position + self.drive.read(POSITION_OFFSET, 0))
         self._goal, self._way, self._left = goal, goal - self._goal, self._period
         self._extrapolated = not self.drive.sync_ticks
 
@@ -107,6 +123,8 @@ class ProfilePosition(ModeOfOperation):
         super().__init__(drive)
         self.setpoint: Setpoint | None = None
         self._queued: Setpoint | None = None
+        self._previous = 0.0
+        """The target before."""
         self._acknowledged = False
         self._reached = True
 
@@ -140,6 +158,7 @@ class ProfilePosition(ModeOfOperation):
             drive.slow_down_rate,
         )
         self._acknowledged = True
+        self._previous = setpoint.target
         if self.setpoint is not None and not word & ControlBit.CHANGE_IMMEDIATELY:
             self._queued = setpoint
             return
@@ -151,19 +170,21 @@ class ProfilePosition(ModeOfOperation):
         self._reached = False
 
     def _target(self, word: int) -> float:
-        drive = self.drive
+        """Position in increments, by the options of 60F2h."""
+        drive, relative = self.drive, word & ControlBit.RELATIVE
+        option = drive.read(POSITIONING_OPTION, 0)
         target = float(drive.target_position)
-        if word & ControlBit.RELATIVE:
-            target += drive.position
+        if relative:
+            target += drive.position if option & _RELATIVE_OPTION else self._previous
         low, high = drive.read(POSITION_RANGE_LIMIT, 1), drive.read(POSITION_RANGE_LIMIT, 2)
-        if low == high == 0:
+        if low == high == 0 or (drive.wraps and relative):
             return target
         if drive.wraps:
-            if word & ControlBit.RELATIVE:
-                return target
-            turns = round(drive.position) - drive.position_actual
-            # The value wraps; then like a linear axis, not across the end of the range.
-            return low + (target - low) % (high - low) + turns
+            span, here = high - low, round(drive.position)
+            forward, direction = (target - here) % span, option >> _DIRECTION_SHIFT & SHORTEST_WAY
+            # By default the value wraps; then like a linear axis, not across the end of the range.
+            linear = (target - low) % span - (here - low) % span
+            return here + (way_to(forward, span, direction) if direction else linear)
         limited = min(max(target, low), high)
         drive.limited = limited != target
         return limited
@@ -235,13 +256,8 @@ class Turntable(ProfilePosition):
             return drive.position + drive.target_position
         rev = INCREMENTS_PER_REVOLUTION
         forward = (drive.target_position - drive.position) % rev
-        if word & TURNTABLE.shortest:
-            distance = forward if forward <= rev / 2 else forward - rev
-        elif word & TURNTABLE.ccw:
-            distance = forward - rev if forward else 0.0
-        else:
-            distance = forward
-        return drive.position + distance
+        counter = NEGATIVE_WAY if word & TURNTABLE.ccw else POSITIVE_WAY
+        return drive.position + way_to(forward, rev, SHORTEST_WAY if word & TURNTABLE.shortest else counter)
 
 
 class _SpeedMode(ModeOfOperation):
@@ -297,10 +313,14 @@ class SpeedControl(ProfileVelocity):
 
 
 class VelocityMode(_SpeedMode):
-    """Velocity mode (vl) of frequency converters."""
+    """Velocity mode (vl) of frequency converters, with the limits of the setpoint before the ramp (6046h)."""
 
     def _demanded(self) -> float:
-        return super()._demanded() if self.drive.controlword & VL_RAMP == VL_RAMP else 0.0
+        drive, demanded = self.drive, super()._demanded()
+        if drive.controlword & VL_RAMP != VL_RAMP or (not demanded and drive.stands_at_setpoint_0):
+            return 0.0
+        lowest, highest = (drive.read(VL_MIN_MAX, sub) * drive.unit for sub in (1, 2))
+        return math.copysign(min(max(abs(demanded), lowest), highest), demanded)
 
     def _follow(self, target: float) -> None:
         drive = self.drive
@@ -318,6 +338,9 @@ class CyclicVelocity(_SpeedMode):
     """The master generates the ramp; the drive follows as fast as possible. Without new setpoints the speed stays."""
 
     synchronous = True
+
+    def _demanded(self) -> float:
+        return super()._demanded() + self.drive.velocity_offset * self.drive.unit
 
     def bits(self, halted: bool, units: int) -> int:
         return follows(self.drive, halted)
