@@ -8,6 +8,7 @@ import pytest
 
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.motion.modulo import difference
 from pdgw.gateway.objects.enable_chain import notes
 from pdgw.gateway.service.status import axis_status
 from pdgw.peers.drive import SimulatedDrive, shape
@@ -113,3 +114,25 @@ def test_speed_axis_turns_over_the_wrap_without_a_warning_and_its_position_count
         moved = (before - shown + (1 << 31)) % (1 << 32) - (1 << 31)
         assert abs(moved - (model.position - begin)) < COUNTS
         assert not daemon.axes[0].faults
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_dsc_by_positions_turns_over_607bh_without_a_change_of_direction(direction: int) -> None:
+    """The PLC closes its position loop, 20 increments further in each cycle. G1_XIST1 counts on beyond the wrap."""
+    keys = 'dsc = "position"\nfollowing_window = 4096\ncounts_per_revolution = 4096\nacceleration_unit = "inc/s2"\n'
+    with running(configuration(axis(1, telegram_number=105, more=keys))) as daemon:
+        simulated = drive(daemon, "csp")
+        model = simulated.model
+        model.zero = start = -490_000 * direction
+        plc = Plc(daemon, [105])
+        plc.enable()
+        goal, speeds = -start, []
+        while abs(model.machine_position) < 20_000:
+            goal += 20 * direction
+            plc.endpoint.set(0, {"XERR": difference(goal, plc.value("G1_XIST1")), "KPC": 20_000})
+            plc.exchange()
+            speeds.append(model.speed * direction)
+        assert min(speeds) >= 0
+        assert max(speeds) < 300
+        assert abs(difference(goal, plc.value("G1_XIST1"))) < 200
+        assert model.position_actual * direction < 0, "beyond the wrap"

@@ -65,6 +65,16 @@ def test_a_position_is_reached_in_a_straight_line_over_60c2h() -> None:
     assert bench.run(PERIOD_MS) == pytest.approx([10, 20, 30, 40])
 
 
+def test_positions_continue_beyond_the_end_of_their_32_bits() -> None:
+    bench = Bench(Mode.CYCLIC_POSITION)
+    bench.model.zero = 100.0 - (1 << 31)
+    bench.model.disguises.append(lambda model, now: None)  # updates the image
+    for target in ((1 << 31) - 60, (1 << 31) - 20, 20 - (1 << 31), 60 - (1 << 31)):
+        bench.sync(target_position=target)
+    assert bench.model.machine_position == 160
+    assert bench.model.position_actual == 60 - (1 << 31)
+
+
 def test_without_new_positions_the_motion_continues_for_one_period() -> None:
     bench = Bench(Mode.CYCLIC_POSITION)
     for target in (40, 80):

@@ -13,6 +13,7 @@ from pdgw.dsp402.objects import (
     MAX_MOTOR_SPEED,
     MAX_PROFILE_VELOCITY,
     MOTION_PROFILE_TYPE,
+    POSITION_RANGE_LIMIT,
     PROFILE_DECELERATION,
     QUICK_STOP_DECELERATION,
     VELOCITY_ENCODER_FACTOR,
@@ -124,6 +125,18 @@ class DriveImage:
         """Deceleration in acceleration units: 6084h, or 6083h for a drive without it (CiA 402)."""
         one_ramp = PROFILE_DECELERATION in self.shape.lacks
         return self.profile_acceleration if one_ramp else self.profile_deceleration
+
+    @property
+    def position_range(self) -> tuple[int, int]:
+        """The first position of 6064h, and the position at which it starts again."""
+        low, high = (self.read(POSITION_RANGE_LIMIT, sub) if self.wraps else 0 for sub in (1, 2))
+        return (low, high) if low < high else (-(1 << 31), 1 << 31)
+
+    @property
+    def position_span(self) -> int:
+        """Number of positions."""
+        low, high = self.position_range
+        return high - low
 
     @property
     def slow_down_rate(self) -> float:

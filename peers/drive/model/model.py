@@ -20,7 +20,6 @@ from pdgw.dsp402.objects import (
     DISABLE_OPERATION_OPTION,
     FAULT_REACTION_OPTION,
     HALT_OPTION,
-    POSITION_RANGE_LIMIT,
     QUICK_STOP_OPTION,
     SHUTDOWN_OPTION,
 )
@@ -440,11 +439,8 @@ class DriveModel(DriveImage):
 
     def _shown_position(self) -> int:
         """Position in 6064h."""
-        position = round(self.position)
-        low = high = 0
-        if self.wraps:
-            low, high = self.read(POSITION_RANGE_LIMIT, 1), self.read(POSITION_RANGE_LIMIT, 2)
-        return low + (position - low) % (high - low) if low < high else _wrap32(position)
+        low, high = self.position_range
+        return low + (round(self.position) - low) % (high - low)
 
     # -- image --------------------------------------------------------------------------------------------------------
 

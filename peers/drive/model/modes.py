@@ -70,6 +70,8 @@ class Setpoint:
 class CyclicPosition(ModeOfOperation):
     """Move to the newest target, with the offset of 60B0h, in a straight line over 60C2h.
 
+    A target beyond the end of the positions is one after it.
+
     Without a new target the motion ends there. If SYNC has a period (1006h), it first continues for one more 60C2h.
     """
 
@@ -95,8 +97,10 @@ class CyclicPosition(ModeOfOperation):
         return max(1, round(read(INTERPOLATION_TIME, 1) * 10.0 ** read(INTERPOLATION_TIME, 2) / TICK))
 
     def received(self) -> None:
-        goal = float(self.drive.target_position + self.drive.read(POSITION_OFFSET, 0))
-        self._goal, self._way, self._left = goal, goal - self._goal, self._period
+        goal = self.drive.target_position + self.drive.read(POSITION_OFFSET, 0)
+        half = self.drive.position_span / 2
+        self._way = (goal - self._goal + half) % (2 * half) - half
+        self._goal, self._left = self._goal + self._way, self._period
         self._extrapolated = not self.drive.sync_ticks
 
     def move(self) -> None:
