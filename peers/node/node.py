@@ -56,6 +56,8 @@ class SimulatedNode(Device):
     ) -> None:
         super().__init__(node_id, objects, image)
         self.send = send
+        self.switched: Callable[[bool], None] = lambda on: None
+        """Called with the supply of the device: on or off."""
         self.pdos = NodePdos(self)
         self._heartbeat_due = 0
         self._consumed: dict[int, tuple[int, int]] = {}
@@ -107,6 +109,7 @@ class SimulatedNode(Device):
     def start(self, now: int) -> None:
         """Power on: boot-up message, then pre-operational."""
         self.now = now
+        self.switched(True)
         self.touch()
         if not self._powered:
             self._powered = True
@@ -213,9 +216,11 @@ class SimulatedNode(Device):
         """Switch off until ``start``."""
         self.state = NmtState.BOOT_UP
         self._boot_at = -1
+        self.switched(False)
 
     def restart(self) -> None:
-        """Restart the firmware: power-on values, boot-up message."""
+        """Restart the firmware, or switch on: power-on values, boot-up message."""
+        self.switched(True)
         self.on_reset()
         self._defaults()
         self._boot()

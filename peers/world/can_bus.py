@@ -1,8 +1,9 @@
 """A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut wires and short circuits.
 
 Source: Bosch CAN 2.0A (arbitration, fault confinement). A frame takes its worst-case bit time (``ds301.bus.load``) by
-default. A member has a queue of frames like SocketCAN; its oldest one takes part in the arbitration. Not simulated:
-error-passive timing, overload frames.
+default. A member has a queue of frames like SocketCAN; its oldest one takes part in the arbitration. A frame that no other
+member acknowledges is repeated; its sender becomes error-passive, but not bus-off. Not simulated: error-passive timing,
+overload frames.
 """
 
 from __future__ import annotations
@@ -45,10 +46,14 @@ class Member:
         self.bus_off = False
         self.connected = True
         """Whether its wires are connected to the bus."""
+        self.powered = True
+        """Without power it neither receives nor acknowledges."""
         self.closed = False
         self.queue: deque[tuple[int, bytes]] = deque()
         self.errors = 0
         """The transmit error counter."""
+        self.alone: Timer | None = None
+        """Time at which it becomes error-passive without an acknowledgement."""
         self.droppable = False
         """Whether its queue can be cleared; SocketCAN's cannot."""
         self._bus = bus
@@ -95,6 +100,19 @@ class Member:
         self._bus.leave(self)
 
     # -- events ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def active(self) -> bool:
+        """Whether it takes part in the traffic: it sends, receives and acknowledges."""
+        return self.connected and self.powered and not self.bus_off
+
+    def power(self, on: bool) -> None:
+        """Switch its device on or off. Without power, the frames in its queue are lost."""
+        if on is not self.powered:
+            self.powered, self.bus_off, self.errors = on, False, 0
+            if not on:
+                self.queue.clear()
+            self._bus.changed(self)
 
     def connect(self, connected: bool) -> None:
         """Cut or connect its wires; when connected, it sends its queued frames."""
@@ -180,6 +198,8 @@ class SimulatedCan:
         if self.shorted and member.connected:
             if len(member.queue) == 1:
                 self._fail_soon(member)
+        elif not member.connected:
+            self._try_alone(member)
         elif self._sender is None:
             self._begin()
         elif self._began == self.loop.now() and len(member.queue) == 1:
@@ -201,6 +221,8 @@ class SimulatedCan:
         """A member was disconnected, connected or removed: the frame that it is sending is destroyed."""
         if self._sender is member:
             self._abort()
+        if member.queue and not member.connected:
+            self._try_alone(member)
         self._begin()
 
     # -- transmission -----------------------------------------------------------------------------------------------------
@@ -211,19 +233,22 @@ class SimulatedCan:
         self._sender = None
 
     def _begin(self) -> None:
-        """The bus is idle: send the lowest identifier. A single member gets no acknowledgement and waits."""
+        """The bus is idle: send the lowest identifier. Without acknowledgement it waits for another member."""
         if self._sender is not None or self._delivering or self.shorted:
             return
         winner: Member | None = None
         first = listeners = 0
         for member in self.members:
-            if member.connected and not member.bus_off:
+            if member.active:
                 listeners += 1
                 if member.queue:
                     rank = _rank(member.queue[0][0])
                     if winner is None or rank < first:
                         winner, first = member, rank
-        if winner is None or listeners < 2:
+        if winner is None:
+            return
+        if listeners < 2:
+            self._try_alone(winner)
             return
         can_id, data = winner.queue[0]
         duration = int(self.bits_of(can_id, data) * self._bit_ns)
@@ -235,10 +260,31 @@ class SimulatedCan:
         else:
             self._timer = self.loop.call_at(self._began + duration, self._complete)
 
+    def _try_alone(self, sender: Member) -> None:
+        """Repeat a frame that nobody acknowledges. Each attempt counts until the sender is error-passive."""
+        if sender.errors >= _TEC_PASSIVE or (sender.alone is not None and sender.alone.action is not None):
+            return
+        attempts = -((sender.errors - _TEC_PASSIVE) // _TEC_STEP)
+        bits = attempts * (self.bits_of(*sender.queue[0]) + _ERROR_BITS)
+
+        def passive() -> None:
+            if sender.queue and not self._acknowledges(sender):
+                sender.errors = _TEC_PASSIVE
+                sender.report_error()
+
+        sender.alone = self.loop.call_later(int(bits * self._bit_ns), passive)
+
+    def _acknowledges(self, sender: Member) -> bool:
+        """Whether another member acknowledges the frames of a sender."""
+        return sender.connected and any(member.active for member in self.members if member is not sender)
+
     def _complete(self) -> None:
         sender = self._sender
         assert sender is not None
         self._sender = None
+        if not self._acknowledges(sender):
+            self._begin()
+            return
         can_id, data = sender.queue.popleft()
         if sender.errors:
             sender.errors -= 1
@@ -247,7 +293,7 @@ class SimulatedCan:
         for tap in self.taps:
             tap(self.loop.now(), sender, can_id, data)
         for member in tuple(self.members):
-            if member is not sender and member.connected and not member.bus_off:
+            if member is not sender and member.active:
                 member.deliver(can_id, data)
         sender.report_room()
         self._delivering = False
@@ -265,7 +311,7 @@ class SimulatedCan:
         if sender.errors >= _TEC_BUS_OFF:
             self._go_off(sender)
         for member in tuple(self.members):
-            if member.connected and not member.bus_off:
+            if member.active:
                 member.report_error()
         self._delivering = False
         self._begin()

@@ -127,6 +127,68 @@ def test_single_member_gets_no_acknowledgement_and_its_queue_fills(bus: Bus) -> 
     assert bus.c.identifiers[1:] == [0x200 + number for number in range(16)], "what waited goes out"
 
 
+@pytest.mark.parametrize("why", ["its wires are cut", "the others have no power"])
+def test_sender_that_nobody_acknowledges_becomes_error_passive_and_never_bus_off(bus: Bus, why: str) -> None:
+    if why.startswith("its"):
+        bus.a.port.connect(False)
+    for port in (bus.b.port, bus.c.port):
+        port.power(not why.startswith("the"))
+    bus.a.port.send(0x181, bytes(8))
+    bus.loop.run_for(10 * FULL)
+    assert bus.a.errors == []
+    bus.loop.run_for(SECOND)
+    assert bus.a.errors == [(False, True)], "reported once"
+    assert len(bus.a.port.queue) == 1
+    bus.a.port.send(0x182, b"")
+    bus.a.port.connect(True)
+    bus.c.port.power(True)
+    bus.loop.run_for(SECOND)
+    assert bus.c.identifiers == [0x181, 0x182]
+    assert not bus.a.port.bus_off
+
+
+def test_member_without_power_loses_its_queue_and_frames_need_another_one(bus: Bus) -> None:
+    bus.a.port.connect(False)
+    bus.a.port.send(0x181, b"")
+    bus.a.port.power(False)
+    bus.a.port.connect(True)
+    bus.a.port.power(True)
+    bus.c.port.power(False)
+    bus.b.port.send(0x182, bytes(8))
+    bus.loop.run_for(FULL // 2)
+    bus.a.port.power(False)
+    bus.loop.run_for(SECOND)
+    assert (bus.a.identifiers, bus.c.identifiers) == ([], [])
+    bus.c.port.power(True)
+    bus.loop.run_for(SECOND)
+    assert bus.c.identifiers == [0x182]
+
+
+def test_device_acknowledges_from_its_power_on_to_its_power_off() -> None:
+    world = World()
+    ear = Ear(world, world.bus("a").join("gateway"))
+    drive = world.drive("a", 3, powered=False)
+
+    def waiting() -> int:
+        ear.port.send(0x80, b"")
+        world.loop.run_for(SECOND)
+        return len(ear.port.queue)
+
+    assert waiting() == 1
+    drive.start()
+    assert waiting() == 0
+    assert ear.identifiers == [0x703]
+    drive.do(lambda node: node.power_off())
+    assert waiting() == 1
+    drive.do(lambda node: node.restart())
+    assert waiting() == 0
+    drive.do(lambda node: node.start_fault("reboot", off_ms=5000))
+    assert waiting() == 1
+    world.loop.run_for(5 * SECOND)
+    assert waiting() == 0
+    assert ear.identifiers == [0x703] * 3
+
+
 def test_a_frame_cut_off_under_way_is_repeated_as_a_whole(bus: Bus) -> None:
     bus.a.port.send(0x181, bytes(8))
     bus.loop.run_for(FULL // 2)

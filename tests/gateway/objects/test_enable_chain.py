@@ -32,6 +32,7 @@ from tests.support.gateways.daemon import (
     drive_of,
     encoder_of,
     running,
+    switch_off,
 )
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
@@ -163,7 +164,7 @@ def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tupl
 
 def test_log_names_the_same_link(caplog: pytest.LogCaptureFixture) -> None:
     with in_operation() as (daemon, plc), caplog.at_level("INFO", "gateway"):
-        drive_of(daemon).node.power_off()
+        switch_off(daemon, drive_of(daemon))
         plc.silent = True
         run_out(plc)
         said = [record.getMessage() for record in caplog.records if getattr(record, "event", "") == "reason"]
@@ -258,7 +259,7 @@ def test_word_of_the_plc_that_keeps_an_axis_off_is_named(
 
 def test_a_refused_device_is_distinguished_from_an_absent_one() -> None:
     with in_operation() as (daemon, plc):
-        drive_of(daemon).node.power_off()
+        switch_off(daemon, drive_of(daemon))
         run_out(plc)
         assert first(daemon).reason is Reason.DRIVE_OFFLINE
         client = daemon.axes[0].client
@@ -276,7 +277,7 @@ def test_chain_of_an_encoder_is_judged_alike() -> None:
         plc.until(lambda: encoder.enable_status.broken is not None, "no control")
         assert encoder.enable_status.broken is not None
         assert encoder.enable_status.broken.reason is Reason.ENCODER_NO_CONTROL
-        encoder_of(daemon).node.power_off()
+        switch_off(daemon, encoder_of(daemon))
         plc.silent = True
         run_out(plc)
         chain = {link.enable: link for link in encoder.enable_status.chain}

@@ -20,7 +20,18 @@ from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Num
 from pdgw.profidrive.signals import signal
 from pdgw.tools.output.status_text import status_lines
 from tests.support.documents.profile_numbers import decode_sensor_format
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, running, serving, until
+from tests.support.gateways.daemon import (
+    OFF,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    encoder_of,
+    running,
+    serving,
+    switch_off,
+    until,
+)
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 G1 = {bit.name: bit.mask for bit in signal("G1_STW").bits}
@@ -407,7 +418,7 @@ def test_loss_of_an_encoder_is_a_note_of_its_axis_until_acknowledged() -> None:
             return " ".join(snapshot(daemon)["axes"][0]["notes"])
 
         assert note() == ""
-        item.node.power_off()
+        switch_off(daemon, item)
         lost = "silent: neither heartbeats nor TPDOs"
         assert note() == f"G1 has no position: encoder 2: Not on the bus: node 20 on bus can: {lost}"
         item.node.restart()

@@ -29,7 +29,18 @@ from pdgw.gateway.service.operating_system import ServiceManager
 from pdgw.gateway.service.status import StatusServer, answered, axis_status, encoder_status, snapshot
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.output.status_text import status_lines
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, operating, running, until, world_of
+from tests.support.gateways.daemon import (
+    OFF,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    operating,
+    running,
+    switch_off,
+    until,
+    world_of,
+)
 from tests.support.processes import free_tcp_port
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
@@ -144,7 +155,7 @@ def test_a_lost_drive_is_not_shown_as_turning() -> None:
         plc.endpoint.set(0, {"NSOLL_A": 0x2000})
         plc.until(lambda: plc.value("NIST_A") > 0x1F00, "turns")
         assert axis_status(daemon.axes[0])["speed_rpm"] > 0
-        drive_of(daemon).node.power_off()
+        switch_off(daemon, drive_of(daemon))
         plc.until(lambda: state(daemon) is AxisState.NOT_ON_THE_BUS, "lost")
         found = axis_status(daemon.axes[0])
         assert (found["velocity"], found["speed_rpm"], found["drive_state"]) == (None, None, "unknown")

@@ -6,7 +6,7 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.device_situations import DeviceSituation
 from tests.support.documents.situations import both, run_out, send
-from tests.support.gateways.daemon import Plc, encoder_of
+from tests.support.gateways.daemon import Plc, encoder_of, switch_off
 
 _ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
 _VENDOR = 0x406
@@ -39,7 +39,7 @@ def _clear_alarm(_: Plc, daemon: Daemon) -> None:
 
 
 def _power_off(plc: Plc, daemon: Daemon) -> None:
-    encoder_of(daemon).node.power_off()
+    switch_off(daemon, encoder_of(daemon))
     plc.until(lambda: not daemon.encoders[0].good, "lost")
     run_out(plc)
 

@@ -23,7 +23,7 @@ from tests.support.documents.situations import (
     trip,
     words,
 )
-from tests.support.gateways.daemon import OFF, ON, Plc, drive_of, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, drive_of, switch_off, world_of
 
 OFF3 = ON & ~0x4
 _TURN = words((ON, {"NSOLL_A": 0x1000}))
@@ -124,7 +124,7 @@ def find(plc: Plc, daemon: Daemon) -> None:
 
 def power_off(_: Plc, daemon: Daemon) -> None:
     """The drive has no power."""
-    drive_of(daemon).node.power_off()
+    switch_off(daemon, drive_of(daemon))
 
 
 def power_on(_: Plc, daemon: Daemon) -> None:

@@ -23,7 +23,18 @@ from pdgw.tools.web.metrics import exposition
 from pdgw.tools.web.mqtt import object_message
 from pdgw.tools.web.status.watch import Watch
 from tests.support.gateways import profinet_daemon
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, operating, running, world_of
+from tests.support.gateways.daemon import (
+    OFF,
+    ON,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    operating,
+    running,
+    switch_off,
+    world_of,
+)
 from tests.support.page import ShownGateway, look
 
 TRANSIENT_NS = 1500 * MS
@@ -188,7 +199,7 @@ def _silence(plc: Plc, _: Daemon) -> None:
 
 BREAKERS: dict[Enable, Step] = {
     Enable.BUS: lambda _, daemon: world_of(daemon).unplug("world"),
-    Enable.NODE: lambda _, daemon: _first(daemon).node.power_off(),
+    Enable.NODE: lambda _, daemon: switch_off(daemon, _first(daemon)),
     Enable.SUPPLY: lambda _, daemon: drive_of(daemon).model.disguises.insert(0, show_no_supply),
     Enable.NO_FAULT: lambda _, daemon: _first(daemon).inject(
         7 if isinstance(daemon.objects[0], Axis) else "position-error"
@@ -239,7 +250,7 @@ def shown(daemon: Daemon) -> Shown:
 def _power_off(*nodes: int) -> Step:
     def step(_: Plc, daemon: Daemon) -> None:
         for node in nodes:
-            drive_of(daemon, node).node.power_off()
+            switch_off(daemon, drive_of(daemon, node))
 
     return step
 

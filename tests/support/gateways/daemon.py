@@ -69,6 +69,12 @@ def encoder_of(daemon: Daemon, node_id: int = 20) -> SimulatedEncoder:
     return _device(daemon, SimulatedEncoder, node_id, "can")
 
 
+def switch_off(daemon: Daemon, device: SimulatedDrive | SimulatedEncoder) -> None:
+    """Switch off a device that is not the only one on its bus: another one acknowledges the frames of the gateway."""
+    world_of(daemon).bus("world").join("another device")
+    device.node.power_off()
+
+
 def until(daemon: Daemon, condition: Callable[[], object], what: str, patience: int = PATIENCE) -> None:
     """Run the world until a condition is true."""
     world_of(daemon).loop.until(condition, what, patience)
