@@ -5,14 +5,16 @@ Source: CiA DSP 402 V2.0 and the manufacturer's guide. ``peers/habits.toml`` has
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from random import Random
 from typing import TYPE_CHECKING, Final, cast
 
 from pdgw.base.durations import MS
-from pdgw.dsp402.states import UNPOWERED, Command, State
+from pdgw.dsp402.states import UNPOWERED, Command, State, StatusBit
 from pdgw.peers.drive.model.latency import DelayLine
+from pdgw.peers.drive.model.ramps import TICK
 from pdgw.peers.node.behaviour import Behaviour, catalogue
 from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS, ObjectValue, Periodic, Reboot
 
@@ -160,6 +162,86 @@ class RunsAway(_Load):
         return 0.0
 
 
+class TorqueLimit(_Load):
+    """The torque is at its limit: the shaft accelerates with ``rpm_s`` at most; 0: a fixed stop holds it.
+
+    ``bit_11`` and ``torque``: whether Statusword.11 and 6078h show it.
+    """
+
+    rpm_s = 0
+    bit_11 = 1
+    torque = 1
+    _shaft = 0.0
+
+    def begin(self) -> None:
+        super().begin()
+        self._shaft = self.model.speed if self.rpm_s else 0.0
+        self.model.disguises.append(self._show)
+
+    def end(self) -> None:
+        super().end()
+        self.model.disguises.remove(self._show)
+        self.model.current_actual = 0
+        self.model.ramp.set(self._shaft)
+
+    def speed(self, model: DriveModel) -> float:
+        ramp, shaft = model.ramp, self._shaft
+        operating = model.state is State.OPERATION_ENABLED
+        if not operating and model.deviation:
+            ramp.set(shaft)  # a stop begins with the speed of the shaft
+        slower = operating and ramp.speed * shaft >= 0 and abs(ramp.speed) > abs(shaft)
+        reached = min(abs(ramp.speed), abs(shaft) + self.rpm_s * TICK)
+        self._shaft = math.copysign(reached, ramp.speed) if slower else ramp.speed
+        limited = self._shaft != ramp.speed
+        if self.torque:
+            model.current_actual = round(math.copysign(model.max_torque, ramp.speed)) if limited else 0
+        return self._shaft - ramp.speed
+
+    def _show(self, model: DriveModel, now: int) -> None:
+        if self.bit_11 and model.deviation:
+            model.statusword |= StatusBit.INTERNAL_LIMIT
+
+
+class Sags(_Load):
+    """The load drops at the start of operation: the shaft turns for some time."""
+
+    rpm = 0
+    sag_ms = 0
+    _ticks = 0
+
+    def speed(self, model: DriveModel) -> float:
+        self._ticks = self._ticks + 1 if model.state is State.OPERATION_ENABLED else 0
+        return self.rpm if 0 < self._ticks <= self.sag_ms else 0
+
+
+class Swings(_Load):
+    """The shaft turns to and fro: all the time under power, or (``after_stop``) less and less after each ramp to standstill."""
+
+    rpm = 0
+    period_ms = 1
+    after_stop = False
+    _size = 0.0
+    _ticks = 0
+
+    def begin(self) -> None:
+        super().begin()
+        self._size = 0.0 if self.after_stop else self.rpm
+
+    def speed(self, model: DriveModel) -> float:
+        if self.after_stop and model.ramp.speed:
+            self._ticks, self._size = 0, math.copysign(self.rpm, model.ramp.speed)
+            return 0.0
+        before = self._place()
+        self._ticks += self.after_stop or model.state not in UNPOWERED
+        return self._place() - before
+
+    def _place(self) -> float:
+        """Where the shaft is, in ticks at 1 rpm."""
+        swings = self._ticks / self.period_ms
+        size = self._size * self.period_ms / (2 * math.pi)
+        return size * math.exp(-swings if self.after_stop else 0) * math.sin(2 * math.pi * swings)
+
+
 class MinimumSpeed(ObjectValue, DriveBehaviour):
     """An inverter with a minimum speed. ``turns_at_0``: also at setpoint 0."""
 
@@ -265,6 +347,9 @@ DRIVE_HABITS: Final = {
             LateBits,
             Noise,
             RunsAway,
+            TorqueLimit,
+            Sags,
+            Swings,
             MinimumSpeed,
             LimitSwitch,
             EnableInputDropped,

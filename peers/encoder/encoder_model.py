@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final, cast
 
-from pdgw.base.durations import MS, SECOND
+from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.dsp406 import objects
 from pdgw.dsp406.kinds import (
     OPERATING_RESERVED,
@@ -137,6 +137,8 @@ class EncoderModel:
         self._hours = operating_time
         self.noise = 0
         """Largest difference of a position from that of the shaft, at random, in steps."""
+        self.speed_per_rpm: int | None = None
+        """6030h of one rpm; None: as the profile says, in steps per second."""
         self._power_on = -1
         self._time = 0
         self.reset()
@@ -296,6 +298,8 @@ class EncoderModel:
         self.operating_time = objects.UNUSED if self._hours is None else self._hours + self._time // _TENTH_OF_AN_HOUR
 
     def _speed(self, channel: _Channel, present: Chain) -> int:
+        if self.speed_per_rpm is not None:
+            return speed_value(channel.speed * SECONDS_PER_MINUTE * self.speed_per_rpm)
         if self.device.is_linear:
             steps = channel.speed * 100 / self.read(objects.MEASURING_STEPS, 2)
             return speed_value(-steps if present.counterclockwise else steps)

@@ -33,9 +33,13 @@ _COB_IDS: Final = {"sdo": SDO_RESPONSE, "emcy": EMCY, "heartbeat": ERROR_CONTROL
 
 
 class Frames(Behaviour):
-    """Frames of one kind are late (in the same order), repeated or lost: all of them, or each n-th."""
+    """Frames of one kind are late (in the same order), repeated or lost: all of them, or each n-th.
+
+    ``index``: only SDO answers that name this object; 0: all.
+    """
 
     kind = "sent"
+    index = 0
     every = 1
     delay_ms = 0
     jitter_ms = 0
@@ -63,6 +67,8 @@ class Frames(Behaviour):
         if self.kind.endswith("pdo"):
             return self.node.is_pdo(can_id)
         if self.kind in _COB_IDS and can_id != _COB_IDS[self.kind] + self.node.node_id:
+            return False
+        if self.index and int.from_bytes(data[1:3], "little") != self.index:
             return False
         return data == b"\0" if self.kind == "boot-up" else self.kind != "heartbeat" or data != b"\0"
 

@@ -261,7 +261,7 @@ class SimulatedCan:
             self._timer = self.loop.call_at(self._began + duration, self._complete)
 
     def _try_alone(self, sender: Member) -> None:
-        """Repeat a frame that nobody acknowledges. Each attempt counts until the sender is error-passive."""
+        """Repeat a frame that no other member acknowledges. Each attempt counts until the sender is error-passive."""
         if sender.errors >= _TEC_PASSIVE or (sender.alone is not None and sender.alone.action is not None):
             return
         attempts = -((sender.errors - _TEC_PASSIVE) // _TEC_STEP)

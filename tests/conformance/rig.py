@@ -196,7 +196,7 @@ class DriveRig(Rig):
 
     def _record(self, model: DriveModel, _now: int) -> None:
         if not self.states or self.states[-1][0] is not model.state:
-            self.states.append((model.state, model.ramp.speed))
+            self.states.append((model.state, model.speed))
 
     @property
     def state(self) -> State | None:
@@ -209,7 +209,7 @@ class DriveRig(Rig):
         return sum(state is State.OPERATION_ENABLED for state, _ in self.states)
 
     def standing(self) -> bool:
-        return self.model.ramp.speed == 0.0
+        return self.model.speed == 0.0
 
     def command(self, word: int) -> None:
         """Set the control word."""
@@ -263,14 +263,14 @@ class DriveRig(Rig):
             self.plc.set(0, {"NSOLL_A": _QUARTER})
 
     def turning(self) -> bool:
-        return abs(self.model.ramp.speed) > RPM / 2
+        return abs(self.model.speed) > RPM / 2
 
     def moved(self) -> bool:
         """Whether the shaft does what ``move`` commands, and the PLC sees it."""
         actuals = self.plc.actuals[0]
         if self.number == 9:
             return abs(self.model.position_actual - TURNS) <= 1
-        if actuals is None or abs(self.model.ramp.speed - RPM) >= 1:
+        if actuals is None or abs(self.model.speed - RPM) >= 1:
             return False
         if self.raw:
             return abs(actuals["Velocity Actual Value"] - 2 * RPM) <= 2

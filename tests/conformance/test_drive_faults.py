@@ -39,6 +39,7 @@ _OTHERWISE = {
     ("heartbeat-stops", "stays-stopped"): "it stays in Quick Stop Active with power",
     ("lost-pdos", "stays-stopped"): "it stays in Quick Stop Active with power",
     ("unknown-state", "stays-stopped"): "it stays in Quick Stop Active with power",
+    ("held-at-fixed-stop", 100): "the PLC has to stop",
     ("runs-away", 9): "a task has no check of its speed",
     ("runs-away", 100): "the PLC has to stop",
     ("runs-away", "stays-stopped"): "it stays in Quick Stop Active with power",

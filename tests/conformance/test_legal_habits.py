@@ -12,11 +12,14 @@ from itertools import product
 import pytest
 
 from pdgw.base.durations import SECOND
+from pdgw.dsp402.states import State
+from pdgw.peers.drive import shape
 from pdgw.peers.habits import HABITS, Habit
-from tests.conformance.rig import COMPLETE
-from tests.long.soak.calm import CalmRun, calm_plan
+from tests.conformance.rig import COMPLETE, DriveRig, drive
+from tests.long.soak.calm import UNFIT, CalmRun, calm_plan
 from tests.long.soak.calm_tasks import AxisProgram, EncoderProgram, SpeedProgram, TaskProgram
 from tests.long.soak.plan import Part
+from tests.support.gateways.daemon import axis, configuration, running
 
 _TELEGRAMS = {"drive": (1, 111), "encoder": (81,)}
 _TOGETHER = 6
@@ -38,13 +41,16 @@ def _groups(device: str, numbers: tuple[int, ...]) -> Iterator[object]:
     count = -(-len(habits) // _TOGETHER)
     for n in range(count):
         number = numbers[n % len(numbers)]
-        ends = {habit.name: int(habit.name not in _LOWEST) for habit in habits[n::count]}
+        fit = [habit for habit in habits[n::count] if habit.name not in UNFIT.get(number, ())]
+        ends = {habit.name: int(habit.name not in _LOWEST) for habit in fit}
         yield pytest.param(number, ends, id=f"telegram {number}: {', '.join(ends)}")
 
 
 def _alone(device: str, numbers: tuple[int, ...]) -> Iterator[object]:
     """Each legal habit alone, with both ends of its range."""
     for habit, number in product(_legal(device), numbers):
+        if habit.name in UNFIT.get(number, ()):
+            continue
         for end in (0, 1) if habit.legal else (0,):
             yield pytest.param(
                 number, {habit.name: end}, id=f"telegram {number}: {habit.name} {'highest' if end else 'lowest'}"
@@ -99,3 +105,20 @@ def _live(run: CalmRun, cycles: int) -> None:
 @pytest.mark.parametrize(("number", "ends"), _CASES)
 def test_gateway_reports_nothing_of_a_device_with_legal_habits(number: int, ends: dict[str, int]) -> None:
     _live(_run(number, ends), 1)
+
+
+def test_inverter_with_a_minimum_speed_follows_setpoints_above_it_and_0() -> None:
+    habits = {"minimum-speed": {"value": 300, "turns_at_0": 0}}
+    with running(configuration(axis(1, more=""))) as daemon:
+        rig = DriveRig(daemon, drive(daemon, shape=shape("vl"), habits=habits))
+        rig.device.start()
+        rig.enable()
+        for setpoint, rpm in ((0x0800, 375), (0, 0), (-0x0800, -375)):
+            rig.plc.set(0, {"NSOLL_A": setpoint})
+            rig.until(lambda rpm=rpm: rig.model.speed == rpm, f"{rpm} rpm")
+            rig.plc.exchange(5)
+            assert rig.model.speed == rpm
+            assert rig.state is State.OPERATION_ENABLED
+        rig.off()
+        rig.until(lambda: rig.standing() and rig.state is State.READY_TO_SWITCH_ON, "OFF obeyed")
+        assert not rig.numbers

@@ -115,6 +115,26 @@ def test_speed_in_measuring_units_per_second_follows_scaling_and_direction() -> 
     assert bench.read(0x6030, 1) == 32767
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "speed"),
+    [
+        ("speed-in-rpm", {}, 120),
+        ("speed-in-rpm", {"speed_per_rpm": 10}, 1200),
+        ("speed-frozen", {}, 0),
+    ],
+)
+def test_speed_of_an_encoder_outside_the_profile_has_its_own_unit(
+    name: str, values: dict[str, object], speed: int
+) -> None:
+    bench = Bench(constant_speed(2.0))
+    bench.node.start_fault(name, **values)
+    bench.run(30)
+    assert bench.read(0x6030, 1) == speed
+    bench.node.end_fault()
+    bench.run(30)
+    assert bench.read(0x6030, 1) == 8192
+
+
 def test_a_preset_in_motion_changes_no_speed() -> None:
     bench = Bench(constant_speed(2.0))
     bench.run(50)

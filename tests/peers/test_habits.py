@@ -128,6 +128,19 @@ def test_sdo_timeout_leaves_each_nth_request_without_an_answer(bench: Bench) -> 
     assert [bench.read(0x1000) is None for _ in range(6)] == [False, False, True] * 2
 
 
+@pytest.mark.parametrize("name", ["sdo-answers-of-object-missing", "sdo-answers-of-object-late"])
+def test_sdo_answers_of_one_object_are_missing_or_late_while_the_others_come(bench: Bench, name: str) -> None:
+    bench.operate()
+    bench.node.start_fault(name, index=0x606C)
+    assert bench.read(0x606C) is None
+    assert bench.read(0x606B) is not None
+    bench.run(400)
+    late = [data for data in bench.sent(SDO_ANSWER) if data[1:3] == b"\x6c\x60"]
+    assert len(late) == name.endswith("late")
+    bench.node.end_fault(name)
+    assert bench.read(0x606C) is not None
+
+
 def test_two_pdos_has_no_parameters_for_the_third(bench: Bench) -> None:
     bench.node.start_fault("two-pdos")
     for base in (0x1400, 0x1600, 0x1800, 0x1A00):

@@ -128,7 +128,7 @@ def test_single_member_gets_no_acknowledgement_and_its_queue_fills(bus: Bus) -> 
 
 
 @pytest.mark.parametrize("why", ["its wires are cut", "the others have no power"])
-def test_sender_that_nobody_acknowledges_becomes_error_passive_and_never_bus_off(bus: Bus, why: str) -> None:
+def test_sender_without_acknowledgement_becomes_error_passive_and_never_bus_off(bus: Bus, why: str) -> None:
     if why.startswith("its"):
         bus.a.port.connect(False)
     for port in (bus.b.port, bus.c.port):

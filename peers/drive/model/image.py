@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from pdgw.base.durations import MS, US
+from pdgw.base.durations import MS, MS_PER_SECOND, US
 from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.dsp402.objects import (
     HALT_OPTION,
@@ -44,6 +44,8 @@ class DriveImage:
         """Time until a ramp of a speed has its full rate."""
         self.quick_stop_deceleration = 0
         """The quick stop ramp in acceleration units; 0: 6085h."""
+        self.ramp_ms = 0
+        """Shortest time of a ramp from standstill to the maximum speed of the motor; 0: that of the objects."""
         self.stands_at_setpoint_0 = False
         """A setpoint of 0 of velocity mode is 0, not the minimum speed (6046h/1)."""
         self.started = 0
@@ -118,7 +120,11 @@ class DriveImage:
 
     def acceleration(self, value: int, limit_index: int) -> float:
         """Acceleration of a ramp object in rpm/s (of the ENGEL-like drive in 10 rpm/s), limited by 60C5h / 60C6h."""
-        return self._rate * max(1, min(value, self.read(limit_index, 0)))
+        return self.profile_rate(self._rate * max(1, min(value, self.read(limit_index, 0))))
+
+    def profile_rate(self, rate: float) -> float:
+        """A rate of the profile in rpm/s, limited by ``ramp_ms``."""
+        return min(rate, self.max_rpm * MS_PER_SECOND / self.ramp_ms) if self.ramp_ms else rate
 
     @property
     def profile_braking(self) -> int:
@@ -151,7 +157,8 @@ class DriveImage:
         """Deceleration by an option code that does not free the motor. ``slow_down``: of the mode of operation (both rpm/s)."""
         braking = self.action(option)
         if braking is Braking.QUICK_STOP:
-            return self._rate * (self.quick_stop_deceleration or self.read(QUICK_STOP_DECELERATION, 0))
+            rate = self.quick_stop_deceleration or self.read(QUICK_STOP_DECELERATION, 0)
+            return self.profile_rate(self._rate * rate)
         return TORQUE_ACCELERATION * self.max_torque / 1000 if braking is Braking.CURRENT_LIMIT else slow_down
 
     def halt_rate(self, slow_down: float) -> float:

@@ -82,6 +82,8 @@ class DriveModel(DriveImage):
         self.fault_reset_edges = 1
         """Number of rising edges of Controlword 7 that reset a fault."""
         self.starts_in_fault = False
+        self.free_rpm = 0.0
+        """Speed to which the load turns a motor without power."""
         self.watchers: list[Callable[[State], None]] = []
         """Functions called with each new state."""
         self.power_on()
@@ -398,7 +400,7 @@ class DriveModel(DriveImage):
             if self._brakes(FAULT_REACTION_OPTION):
                 self._enter(State.FAULT)
         else:
-            self.ramp.linear(0.0, COAST_DECELERATION, COAST_DECELERATION)
+            self.ramp.linear(self.free_rpm, COAST_DECELERATION, COAST_DECELERATION)
             self.current_actual = 0
         self._turn()
 

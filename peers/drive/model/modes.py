@@ -331,7 +331,7 @@ class VelocityMode(_SpeedMode):
         drive.ramp.linear(target, self._rate_of(VL_ACCELERATION), self.slow_down_rate)
 
     def _rate_of(self, index: int) -> float:
-        return self.drive.read(index, 1) / max(1, self.drive.read(index, 2))
+        return self.drive.profile_rate(self.drive.read(index, 1) / max(1, self.drive.read(index, 2)))
 
     @property
     def slow_down_rate(self) -> float:

@@ -59,6 +59,10 @@ NEEDED_OBJECTS: Final[dict[int | str, set[str]]] = {
 """Habits without objects that a telegram is made of, or without the identity by which devices are found. By drive variant:
 without what says that it has one of two modes with the same objects (it is refused by the name of the mode), and against its
 overlay (``range_is_limit``)."""
+UNFIT: Final[dict[int, set[str]]] = {number: {"flying-start", "load-sags"} for number in TASK_TELEGRAM_NUMBERS}
+"""Habits by telegram: before its first task a positioner brakes with the smallest 6084h, and a homing on a shaft that turns is
+one whose bits may be stuck.
+"""
 _PASSING_NS: Final = 2 * SECOND
 """A reason of a handshake with the drive ends within this time."""
 _PASSING: Final = frozenset(
@@ -101,7 +105,7 @@ def draw_habits(chance: Random, number: int, shape: str = "") -> dict[str, dict[
     """Draw a combination of legal habits, with parameters in their legal ranges."""
     device = "encoder" if number in ENCODER_TELEGRAM_NUMBERS else "drive"
     drawn = [habit for habit in legal_habits(device) if chance.random() < _SHARE]
-    needed = NEEDED_OBJECTS.get(number, set()) | NEEDED_OBJECTS.get(shape, set())
+    needed = NEEDED_OBJECTS.get(number, set()) | NEEDED_OBJECTS.get(shape, set()) | UNFIT.get(number, set())
     return {
         habit.name: {key: chance.randint(*limits) for key, limits in habit.legal.items()}
         for habit in drawn

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import UNPOWERED
 from pdgw.dsp406.objects import UNITS_PER_REVOLUTION
 from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
@@ -183,8 +184,9 @@ class AxisProgram(Program):
         self.of.working = True
 
     def at_standstill(self) -> bool:
-        """Whether the shaft is at standstill."""
-        return self.model.ramp.speed == 0
+        """Whether the shaft is at standstill, or without power where its load turns it."""
+        free = self.model.free_rpm and self.model.state in UNPOWERED
+        return bool(free) or self.model.ramp.speed == 0
 
     def stop(self, word: int, on: int, *, started: bool = True) -> None:
         """Stop what has begun by a control word, after some time, and send another. ``started``: it must turn before."""
@@ -462,7 +464,7 @@ class TaskProgram(AxisProgram):
             self.values["SATZANW"] = 0x8000 | 35
         self.set(self.words.on)
         self.set(self.words.on | _HOMING)
-        self.ends("homing", lambda: bool(self.shown("ZSW1") & _HOMED) and self.where == 0 and self.shows(0))
+        self.ends("homing", lambda: bool(self.shown("ZSW1") & _HOMED) and abs(self.where) <= _WINDOW and self.shows(0))
         self.set(self.words.on)
 
     def jog(self) -> None:
