@@ -16,7 +16,8 @@ from pdgw.dsp402.states import UNPOWERED, Command, State, StatusBit
 from pdgw.peers.drive.model.latency import DelayLine
 from pdgw.peers.drive.model.ramps import TICK
 from pdgw.peers.node.behaviour import Behaviour, catalogue
-from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS, ObjectValue, Periodic, Reboot
+from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS, Periodic, Reboot
+from pdgw.peers.node.object_behaviours import ObjectValue
 
 if TYPE_CHECKING:
     from pdgw.peers.drive.model.model import DriveModel

@@ -7,22 +7,18 @@ from __future__ import annotations
 
 import struct
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from operator import attrgetter
 from random import Random
 from typing import Final
 
 from pdgw.base.durations import MS
 from pdgw.ds301 import communication as com
-from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
-from pdgw.ds301.objects import CanType, Entry
-from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter
 from pdgw.ds301.sdo_transfer import COMMAND, CONFIRM, DOWNLOAD, EXPEDITED, SEGMENT, SIZE, TOGGLE, UPLOAD
 from pdgw.peers.node.behaviour import Behaviour, catalogue
-from pdgw.peers.node.device import Value
+from pdgw.peers.node.object_behaviours import OBJECT_BEHAVIOURS
 
 # -- frames ---------------------------------------------------------------------------------------------------------------
 
@@ -153,126 +149,7 @@ class SegmentedSdo(Behaviour):
         return False
 
 
-# -- object dictionary ----------------------------------------------------------------------------------------------------
-
-
-class ObjectMissing(Behaviour):
-    """Objects do not exist in the device (abort 06020000h). ``subindex``: the first one that is missing."""
-
-    index = 0
-    last = 0
-    subindex = 0
-
-    def _lacks(self, entry: Entry) -> bool:
-        return self.index <= entry.index <= max(self.index, self.last) and entry.subindex >= self.subindex
-
-    def reading(self, entry: Entry, data: bytes) -> bytes:
-        return self.writing(entry, data)
-
-    def writing(self, entry: Entry, data: bytes) -> bytes:
-        if self._lacks(entry):
-            raise SdoAbortedError(Abort.NO_SUCH_SUBINDEX if self.subindex else Abort.NO_SUCH_OBJECT)
-        return data
-
-
-class FewPdos(ObjectMissing):
-    """The parameters of further PDOs do not exist."""
-
-    pdos = 0
-
-    def _lacks(self, entry: Entry) -> bool:
-        return entry.index in PDO_PARAMETERS and entry.index % PDOS_MAX >= self.pdos
-
-
-class MappingRefused(Behaviour):
-    """Writes of mapping parameters are aborted. ``number_only``: only those of a number of mapped objects."""
-
-    abort = Abort.READ_ONLY
-    number_only = False
-
-    def writing(self, entry: Entry, data: bytes) -> bytes:
-        counts = entry.subindex == 0 and any(data)
-        if is_mapping_parameter(entry.index) and (counts or not self.number_only):
-            raise SdoAbortedError(self.abort)
-        return data
-
-
-class ObjectValue(Behaviour):
-    """Objects have other values after power-on. ``read_only``: which cannot be written.
-
-    ``type``: of objects that the device has besides its own. Without it, an object that the device lacks stays missing.
-    """
-
-    index = 0
-    subindexes: Sequence[int] = (0,)
-    value = 0
-    read_only = False
-    type = ""
-
-    def begin(self) -> None:
-        node = self.node
-        self._own: dict[Entry, Value] = {}
-        self._added: list[tuple[int, int]] = []
-        for address in ((self.index, sub) for sub in self.subindexes):
-            entry = node.entries.get(address)
-            if entry is not None:
-                self._own[entry] = getattr(node.image, entry.attribute) if entry.attribute else node.values[address]
-            elif self.type:
-                node.indices.add(self.index)
-                self._added.append(address)
-                entry = Entry(*address, self.habit.name, CanType[self.type])
-            if entry is not None:
-                self._put(replace(entry, default=self.value), self.value)
-                if entry.attribute:
-                    node.stored[address] = self.value
-
-    def end(self) -> None:
-        node = self.node
-        for address in self._added:
-            del node.entries[address], node.values[address]
-            node.indices.discard(self.index)
-        for entry, value in self._own.items():
-            node.stored.pop(entry.address, None)
-            self._put(entry, value)
-
-    def _put(self, entry: Entry, value: Value) -> None:
-        self.node.entries[entry.address] = entry
-        if entry.attribute:
-            setattr(self.node.image, entry.attribute, value)
-        else:
-            self.node.values[entry.address] = value
-
-    def writing(self, entry: Entry, data: bytes) -> bytes:
-        if self.read_only and entry.index == self.index and entry.subindex in self.subindexes:
-            raise SdoAbortedError(Abort.READ_ONLY)
-        return data
-
-
-class WrongIdentity(ObjectValue):
-    """The device has another vendor-ID."""
-
-    vendor_id = 0
-
-    def begin(self) -> None:
-        self.value = self.vendor_id
-        super().begin()
-
-
-class RoundedTimes(Behaviour):
-    """Times in milliseconds are rounded up to multiples of ``step_ms``."""
-
-    step_ms = 1
-
-    def writing(self, entry: Entry, data: bytes) -> bytes:
-        time = (
-            data
-            if entry.unit == "ms"
-            else data[:2]
-            if (entry.index, entry.subindex) == (com.CONSUMER_HEARTBEAT, 1)
-            else b""
-        )
-        rounded = -(-int.from_bytes(time, "little") // self.step_ms) * self.step_ms
-        return rounded.to_bytes(len(time), "little") + data[len(time) :]
+# -- settings ------------------------------------------------------------------------------------------------------------
 
 
 class Setting(Behaviour):
@@ -445,31 +322,11 @@ class Reboot(Periodic):
             self.act(self._due)
 
 
-class SyncCounter(ObjectValue):
-    """The device has 1019h, and accepts a SYNC only with the counter that this object demands."""
-
-    type = "U8"
-
-    def incoming(self, can_id: int, data: bytes) -> bool:
-        sync = can_id == self.node.values[com.SYNC_COB_ID, 0]
-        return not sync or bool(data) is bool(self.node.values[self.index, 0])
-
-    def writing(self, entry: Entry, data: bytes) -> bytes:
-        if entry.index == self.index and self.node.values.get((com.SYNC_PERIOD, 0)):
-            raise SdoAbortedError(Abort.CANNOT_STORE_DEVICE_STATE)
-        return super().writing(entry, data)
-
-
 NODE_BEHAVIOURS: Final = (
+    *OBJECT_BEHAVIOURS,
     Frames,
     SdoSize,
     SegmentedSdo,
-    ObjectMissing,
-    FewPdos,
-    MappingRefused,
-    ObjectValue,
-    WrongIdentity,
-    RoundedTimes,
     Setting,
     Heartbeats,
     HeartbeatsAtChange,
@@ -477,7 +334,6 @@ NODE_BEHAVIOURS: Final = (
     BusOff,
     ErrorPassive,
     Reboot,
-    SyncCounter,
 )
 NODE_HABITS: Final = catalogue("node", NODE_BEHAVIOURS)
 """All habits of any CANopen device."""
