@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 from pdgw.base.durations import MS, MS_PER_SECOND, US
 from pdgw.ds301.communication import SYNC_PERIOD
@@ -21,11 +22,12 @@ from pdgw.dsp402.objects import (
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import ControlBit, State
-from pdgw.peers.drive.model.ramps import TICK, TORQUE_ACCELERATION, Ramp
+from pdgw.peers.drive.model.ramps import SECOND_ENCODER_STEPS, TICK, TORQUE_ACCELERATION, Ramp
 from pdgw.peers.drive.model.shapes import Machine, Shape
 from pdgw.peers.drive.option_codes import OPTION_CODES, Braking
 
 ObjectReader = Callable[[int, int], int]
+_INT32_MAX: Final = (1 << 31) - 1
 
 
 class DriveImage:
@@ -53,6 +55,8 @@ class DriveImage:
 
     state: State
     ramp: Ramp
+    deviation: float
+    """Speed of the shaft beyond that of the ramp, in rpm."""
     machine_position: float
     zero: float
     limited: bool
@@ -180,6 +184,26 @@ class DriveImage:
         """Ticks from one SYNC to the next for a mode that needs them (1006h); 0: not monitored."""
         return self.read(SYNC_PERIOD, 0) * US // MS
 
+    # -- motion that it shows -----------------------------------------------------------------------------------------
+
+    @property
+    def speed(self) -> float:
+        """Speed of the shaft in rpm."""
+        return self.ramp.speed + self.deviation
+
+    def in_units(self, rpm: float) -> int:
+        """A speed in velocity units, within the range of the objects."""
+        return min(max(round(rpm / self.unit), -_INT32_MAX), _INT32_MAX)
+
+    def show_motion(self) -> None:
+        """Set velocities and positions of the image."""
+        self.velocity_actual = self.in_units(self.speed)
+        self.velocity_demand = self.in_units(self.ramp.speed) if self.deviation else self.velocity_actual
+        low, high = self.position_range
+        self.position_actual = low + (round(self.position) - low) % (high - low)
+        self.second_position = _wrapped(round(self.machine_position * SECOND_ENCODER_STEPS), 32)
+        self.encoder_position = _wrapped(round(self.machine_position), 16)
+
     # -- services for the modes ---------------------------------------------------------------------------------------
 
     @property
@@ -212,3 +236,9 @@ class DriveImage:
         """Set the present position to the home position of 607Ch."""
         self.zero = self.machine_position - self.read(HOME_OFFSET, 0)
         self.ramp.set(0.0)
+
+
+def _wrapped(value: int, bits: int) -> int:
+    """A count as it starts again in so many bits."""
+    half = 1 << bits - 1
+    return (value + half) % (2 * half) - half

@@ -30,14 +30,13 @@ from pdgw.peers.drive.model.image import DriveImage, ObjectReader
 from pdgw.peers.drive.model.latency import DelayLine, Latency
 from pdgw.peers.drive.model.modes import MODES
 from pdgw.peers.drive.model.probe import TouchProbe
-from pdgw.peers.drive.model.ramps import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
+from pdgw.peers.drive.model.ramps import COAST_DECELERATION, TICK, Ramp, increments_per_second
 from pdgw.peers.drive.model.shapes import ENGEL, ROTARY_AXIS, Machine, Shape
 from pdgw.peers.drive.objects import DRIVE_FAULTS, OBJECTS
 from pdgw.peers.drive.option_codes import STAYS_STOPPED, Braking
 
 DI1: Final = 1 << 16
 _LIMITS: Final = NEGATIVE_LIMIT | POSITIVE_LIMIT
-_INT32_MAX: Final = (1 << 31) - 1
 _RAMPED_STATES: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _ENDS_BY_ITSELF: Final = (State.NOT_READY_TO_SWITCH_ON, State.QUICK_STOP_ACTIVE)
 """The drive leaves them without a command."""
@@ -101,7 +100,6 @@ class DriveModel(DriveImage):
         self.state = State.NOT_READY_TO_SWITCH_ON
         self.ramp = Ramp()
         self.deviation = 0.0
-        """Speed of the shaft beyond that of the ramp, in rpm."""
         self.machine_position = 0.0
         self.zero = 0.0
         self.digital_inputs = DI1
@@ -143,11 +141,6 @@ class DriveModel(DriveImage):
         if causes:
             self._fault(DRIVE_FAULTS[min(causes)])
         self._update()
-
-    @property
-    def speed(self) -> float:
-        """Speed of the shaft in rpm."""
-        return self.ramp.speed + self.deviation
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
@@ -299,7 +292,7 @@ class DriveModel(DriveImage):
                 if self.latency.status_ms:
                     self._time = end - left * MS
                     if left:
-                        self._show_status(self._units())
+                        self._show_status(self.in_units(self.speed))
                     else:
                         self._update()
             if self._time < end:
@@ -439,29 +432,12 @@ class DriveModel(DriveImage):
         """The digital inputs, with the limit switches at a position of the machine."""
         return self.digital_inputs & ~_LIMITS | self.machine.switches(position)
 
-    def _shown_position(self) -> int:
-        """Position in 6064h."""
-        low, high = self.position_range
-        return low + (round(self.position) - low) % (high - low)
-
     # -- image --------------------------------------------------------------------------------------------------------
 
-    def _units(self) -> int:
-        """Actual velocity in the units of the drive."""
-        return self._in_units(self.speed)
-
-    def _in_units(self, rpm: float) -> int:
-        return min(max(round(rpm / self.unit), -_INT32_MAX), _INT32_MAX)
-
     def _update(self) -> None:
-        units = self._units()
-        self.velocity_actual = units
-        self.velocity_demand = self._in_units(self.ramp.speed) if self.deviation else units
-        self.position_actual = self._shown_position()
-        self.second_position = _wrap32(round(self.machine_position * SECOND_ENCODER_STEPS))
-        self.encoder_position = _wrap16(round(self.machine_position))
+        self.show_motion()
         self.modes_of_operation_display = self.mode
-        self._show_status(units)
+        self._show_status(self.velocity_actual)
 
     def _show_status(self, units: int) -> None:
         """Set the Statusword: through the delay line, then by the disguises. ``units``: actual velocity."""
@@ -475,11 +451,3 @@ class DriveModel(DriveImage):
         for disguise in self.disguises:
             disguise(self, self._time)
         self._disguised = bool(self.disguises)
-
-
-def _wrap32(value: int) -> int:
-    return (value + (1 << 31)) % (1 << 32) - (1 << 31)
-
-
-def _wrap16(value: int) -> int:
-    return (value + (1 << 15)) % (1 << 16) - (1 << 15)
