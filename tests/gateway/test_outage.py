@@ -195,3 +195,26 @@ def test_a_bus_off_that_is_over_at_once_stops_the_drive_until_off_and_on() -> No
             world_of(daemon).loop.run_for(SECOND)
             assert model.state is not State.OPERATION_ENABLED, "the ON that is still 1 starts nothing"
         assert FaultNumber.BUS_LOST in [fault.number for fault in daemon.axes[0].faults]
+
+
+@pytest.mark.parametrize("outage_ms", [50, 300, 5000])
+def test_nothing_that_waited_starts_the_only_drive_when_its_power_returns(outage_ms: int) -> None:
+    """No device acknowledges meanwhile: the controller of the gateway is error-passive, and its frames wait."""
+    with operating() as (daemon, plc):
+        plc.turn(FULL_SPEED)
+        drive, world, network = drive_of(daemon), world_of(daemon), daemon.networks["can"]
+        controller = world.gateway_port(CHANNEL)
+        states: list[State] = []
+        with exchanging(plc):
+            drive.do(lambda node: node.power_off())
+            drive.do(lambda node: node.model.watchers.append(states.append))
+            world.loop.run_for(outage_ms * MS)
+            assert (network.error_passive, network.bus_off, controller.bus_off) == (1, 0, False)
+            assert controller.queue
+            drive.do(lambda node: node.restart())
+            until(daemon, lambda: network.healthy and not controller.queue, "the frames that waited")
+            world.loop.run_for(10 * SECOND)
+            until(daemon, lambda: daemon.axes[0].good, "online again", 30 * SECOND)
+            world.loop.run_for(2 * SECOND)
+        assert State.OPERATION_ENABLED not in states
+        assert drive.model.speed == 0

@@ -239,6 +239,6 @@ class DriveImage:
 
 
 def _wrapped(value: int, bits: int) -> int:
-    """A count as it starts again in so many bits."""
+    """A count that starts again after its number of bits."""
     half = 1 << bits - 1
     return (value + half) % (2 * half) - half
