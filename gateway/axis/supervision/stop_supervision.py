@@ -67,8 +67,8 @@ class StopWatch:
         """When the stop was commanded first, or the speed of a drive without power fell last; -1 while no stop is watched."""
         self._speed = 0
         """The speed from which the drive brakes."""
-        self._at = 0
-        """When ``step`` was called last."""
+        self._at = self._spared = 0
+        """When ``step`` was called last; time of the present order that does not count."""
         self._fell = self._slow = -1
         """When the speed fell last under Halt, and when it was last below what Halt allows without a task."""
         self._growth = Growth(SAMPLE_NS)
@@ -158,7 +158,7 @@ class StopWatch:
             return None
         if self.began < 0:
             self.began = self._at = now
-            self._speed = speed
+            self._speed, self._spared = speed, 0
             self._growth.restart(speed, now)
             self._stop_growth.restart(speed, now)
             self._slow = now
@@ -167,7 +167,7 @@ class StopWatch:
             if order is Order.HALT:
                 self._growth.restart(speed, now)
         if order is Order.ZERO:
-            self.began += self._evidence.spares(-window, window, now - self._at)
+            self._spared += self._evidence.spares(-window, window, now - self._at)
         self._at = now
         fault: FaultNumber | None = None
         if self._grows(order, speed, window, now):
@@ -176,6 +176,9 @@ class StopWatch:
             line, speed, window, now
         ):
             fault = ORDERS[order].fault
+        if fault is not None and self._spared and not self._turns(line, speed, window, now - self._spared):
+            self._evidence.excuse()
+            fault = None
         if fault is None:
             return None
         self.late = True

@@ -42,11 +42,15 @@ class TorqueEvidence:
         demand = feedback.velocity_demand
         if demand == DEMAND_UNKNOWN or not low <= demand <= high:
             return elapsed // 2
-        if inputs.now - self._excused_at >= SECOND:
-            detail = f"606Ch is {feedback.velocity_actual} with a demand value (606Bh) of {demand}: torque limit"
-            outputs.found.append((FaultNumber.INTERNAL_LIMIT, detail))
-        self._excused_at, self.warning = inputs.now, _WARNED
         return elapsed
+
+    def excuse(self) -> None:
+        """Without the limit, the drive would be late in this step."""
+        inputs, feedback = self._inputs, self._inputs.feedback
+        if inputs.now - self._excused_at >= SECOND:
+            detail = f"606Ch is {feedback.velocity_actual}, its demand value (606Bh) {feedback.velocity_demand}: torque limit"
+            self._outputs.found.append((FaultNumber.INTERNAL_LIMIT, detail))
+        self._excused_at, self.warning = inputs.now, _WARNED
 
     def step(self) -> None:
         """End the warning when the speed was explained a second ago."""

@@ -68,6 +68,8 @@ class VelocityCheck:
         self._up = self._down = -1.0
         """Highest speeds in both directions; -1 without a setpoint."""
         self._over_since = -1
+        self._spared = 0
+        """Time above them that does not count."""
         self.apart = False
         """The speed is not that of the setpoint."""
         self._apart = self._apart_at = 0
@@ -142,10 +144,13 @@ class VelocityCheck:
         if -down <= velocity <= up:
             self._over_since = -1
         elif self._over_since < 0:
-            self._over_since = now
+            self._over_since, self._spared = now, 0
         else:
-            self._over_since += self._evidence.spares(low - floor, high + floor, elapsed)
-            if now - self._over_since >= _OVERSPEED_NS:
+            self._spared += self._evidence.spares(low - floor, high + floor, elapsed)
+            over = now - self._over_since
+            if over >= _OVERSPEED_NS > over - self._spared:
+                self._evidence.excuse()
+            elif over >= _OVERSPEED_NS:
                 return f"606Ch is {velocity} with a setpoint of {high if velocity > 0 else low}, above 150 %"
         self._target = wanted = high if high > -low else -low
         if self._growth.step(velocity if velocity > 0 else -velocity, _GROWING * wanted + floor, now):
