@@ -1,13 +1,15 @@
 """The interlock of one axis: runs the power table (``power_table``) once per cycle.
 
-It adds what one cycle does not show: that the drive left operation by itself, that it is at standstill in a quick stop, and that
-an acknowledge is an edge of this connection.
+It adds what one cycle does not show: that the drive left operation by itself, that it does not follow Shutdown or an ON in time,
+that it is at standstill in a quick stop, and that an acknowledge is an edge of this connection.
 """
 
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final
 
 from pdgw.base.durations import MS
@@ -15,7 +17,7 @@ from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, StatusBit
 from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import OFF1S, STATE_MASK, PowerWish
 from pdgw.gateway.axis.power_states import CONTROLWORDS, DRIVE_OF_STATE, Action, Drive, Phase
-from pdgw.gateway.axis.power_table import CELLS, DRIVES, LOCKS, NO_PLC, STOPPING, WISHES, Cell
+from pdgw.gateway.axis.power_table import CELLS, DRIVES, LOCKS, NO_PLC, ON_WISHES, STOPPING, WISHES, Cell
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.base.reasons import Reason
 
@@ -30,7 +32,6 @@ _WITHOUT_POWER: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY)
 _UP_TO_SWITCHED_ON: Final = (*_WITHOUT_POWER, Drive.SWITCHED_ON)
 _WAITS: Final = (Phase.FOLLOW, Phase.INHIBITED)
 """Phases in which an ON may wait for a drive in local mode."""
-_FELL: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
 _ACKNOWLEDGES: Final = (*LOCKS, Phase.UNCONFIRMED, Phase.COAST, Phase.FOLLOW)
 """Phases in which an acknowledge passes; a stop is not disturbed by it."""
 _FOLLOW: Final = Phase.FOLLOW
@@ -50,6 +51,20 @@ _NO_PLC: Final = {
     PlcLossReaction.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
     PlcLossReaction.COAST: PowerWish.NO_PLC_COAST,
 }
+
+
+def _limits(latency: int, enter: int) -> Mapping[Drive | None, Mapping[Drive, int]]:
+    """How long a drive may show a state while another one is awaited: then it is inhibited, or a quick stop has ended."""
+    enter = max(latency, enter)  # no ON ends before the drive could have shown that it follows
+    below = dict.fromkeys(_BELOW_READY, latency)
+    return MappingProxyType(
+        {
+            None: {},
+            Drive.READY: below,
+            Drive.SWITCHED_ON: {**below, Drive.READY: enter, Drive.SWITCHED_ON: enter},
+            Drive.DISABLED: {Drive.QUICK_STOPPING: QUICK_STOP_STANDING_NS},
+        }
+    )
 
 
 class Connection(enum.Enum):
@@ -113,11 +128,11 @@ class Remote:
     """Statusword.9. Its 0 is local mode only in a state in which the drive has shown 1: some show it with power alone."""
 
     latency: int
-    """The bit can be ahead of a state without power for this time."""
+    """The bit can be ahead of a state below operation for this time."""
     known: int = 0
-    """States in which it was 1, a bit each."""
+    """States in which it was 1, a bit each; one that shows it in Ready To Switch On also shows it in Switched On."""
     state: Drive | None = None
-    """The last one in which it was 1 without power; None: it is 0."""
+    """The last one without operation in which it was 1; None: it is 0."""
     since: int = 0
     """Since when."""
 
@@ -125,10 +140,10 @@ class Remote:
         """Take what one cycle shows."""
         if not statusword & StatusBit.REMOTE:
             self.state = None
-        elif seen in _WITHOUT_POWER and seen is not self.state:
+        elif seen in _UP_TO_SWITCHED_ON and seen is not self.state:
             self.state, self.since = seen, now
-        elif seen not in _WITHOUT_POWER or now - self.since >= self.latency:
-            self.known |= 1 << seen
+        elif seen not in _UP_TO_SWITCHED_ON or now - self.since >= self.latency:
+            self.known |= (3 if seen is Drive.READY else 1) << seen
 
     def is_local(self, seen: Drive, statusword: int) -> bool:
         """Whether the drive takes no commands from the bus."""
@@ -141,22 +156,20 @@ class Commanded:
 
     latency: int
     remote: Remote
-    enter: int
-    """Within this time a drive enters operation."""
+    limits: Mapping[Drive | None, Mapping[Drive, int]]
+    """By the awaited state and the one shown instead: the longest time, in ns."""
     enable: Answer
     """Operation Enabled, in answer to Enable Operation."""
     enabling: bool = False
     """The last Controlword was Enable Operation."""
     late_until: int = 0
     """Until then, Operation Enabled may be the answer to an Enable Operation that was withdrawn; 0: it was answered."""
-    shutdown_since: int = -1
-    """Since when Shutdown is commanded to a drive without power; -1 while it is not."""
-    on_since: int = -1
-    """Since when a drive that may be in local mode does not follow Switch On; -1 while it does."""
+    awaits: Drive | None = None
+    """The state that Shutdown, an ON, or the end of a quick stop must lead to; None: no such command."""
+    since: int = 0
+    """Since when; 0: no such command."""
     local: bool = False
-    """The drive is in local mode, or an ON that waited for its end may not start it."""
-    standing_since: int = -1
-    """Since when a quick stop is at standstill; -1 while it is not."""
+    """The drive is in local mode."""
     shown: Drive | None = None
     """The Statusword of the previous cycle, while the drive follows the PLC."""
 
@@ -165,30 +178,21 @@ class Commanded:
         shown = self.shown
         self.remote.read(seen, statusword, now)
         drive = seen if shown is None or seen is shown else self._changed(seen, shown, phase, now)
-        self.local = phase in _WAITS and self._local(drive, statusword, now)
+        self.local = phase in _WAITS and drive in _UP_TO_SWITCHED_ON and self.remote.is_local(drive, statusword)
         if self.local:
-            return Drive.INHIBITED
+            return Drive.LOCAL if drive is _SWITCHED_ON else Drive.INHIBITED
         if drive is _OPERATING:
-            self.standing_since = -1
             if not self.enabling:
                 return _LEAVING
             return Drive.STANDING if standstill else _OPERATING
         if drive is _SWITCHED_ON and self.enabling:
             return Drive.ENTERING
-        if drive in _BELOW_READY and 0 <= self.shutdown_since <= now - self.latency:
+        limits = self.limits[self.awaits]
+        if drive not in limits or now - self.since < limits[drive]:
+            return drive
+        if drive is not Drive.QUICK_STOPPING:
             return Drive.INHIBITED
-        if phase is Phase.QUICK_STOP and drive is Drive.QUICK_STOPPING:
-            return self._quick_stopping(standstill, now)
-        return drive
-
-    def _local(self, drive: Drive, statusword: int, now: int) -> bool:
-        """Whether the drive is in local mode, or just leaves it: an ON that waited may not start it.
-
-        A Statusword.9 that rises when Switch On has waited for longer than a drive needs is an end of local mode too.
-        """
-        if statusword & StatusBit.REMOTE:
-            return 0 <= self.on_since <= now - self.enter and drive in _UP_TO_SWITCHED_ON
-        return drive in _WITHOUT_POWER and self.remote.is_local(drive, statusword)
+        return Drive.QUICK_STOPPED if standstill else drive
 
     def _changed(self, drive: Drive, shown: Drive, phase: Phase, now: int) -> Drive:
         """The drive shows another state while it follows the PLC: by itself, or as the answer to a command?"""
@@ -198,19 +202,10 @@ class Commanded:
             return drive if commanded or phase is _PASS else Drive.UNKNOWN
         if drive is Drive.DISABLED:
             return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
-        if self.enabling and shown is _SWITCHED_ON and drive in _FELL:
+        if self.enabling and shown is _SWITCHED_ON and drive in _UP_TO_SWITCHED_ON:
             return Drive.FELL_BACK  # instead of reaching operation
         operated = self.enabling and self.enable.due(now)
-        return Drive.FELL_BACK if operated and shown is _OPERATING and drive in _FELL else drive
-
-    def _quick_stopping(self, standstill: bool, now: int) -> Drive:
-        if not standstill:
-            self.standing_since = -1
-        elif self.standing_since < 0:
-            self.standing_since = now
-        elif now - self.standing_since >= QUICK_STOP_STANDING_NS:
-            return Drive.QUICK_STOPPED
-        return Drive.QUICK_STOPPING
+        return Drive.FELL_BACK if operated and shown is _OPERATING and drive in _UP_TO_SWITCHED_ON else drive
 
     def withdraw(self, now: int) -> None:
         """Enable Operation is not commanded any more."""
@@ -218,20 +213,21 @@ class Commanded:
         self.late_until = 0 if self.enable.given else now + self.latency
         self.enable.withdraw()
 
-    def done(self, cell: Cell, column: PowerWish, seen: Drive | None, before: Phase, now: int) -> None:
+    def done(
+        self, cell: Cell, column: PowerWish, seen: Drive | None, before: Phase, standstill: bool, now: int
+    ) -> None:
         """The table has led from the phase ``before`` to a command for a drive that shows ``seen``."""
         phase, action = cell.phase, cell.action
-        if phase is not before:
-            self.standing_since = -1
         self.shown = seen if phase is _FOLLOW or phase is _PASS else None
-        if action is not Action.SHUTDOWN:
-            self.shutdown_since = -1
-        elif self.shutdown_since < 0:
-            self.shutdown_since = now
-        if action is not Action.SWITCH_ON or seen is not Drive.READY or self.remote.state is not None:
-            self.on_since = -1
-        elif self.on_since < 0:
-            self.on_since = now
+        awaits = None
+        if before is Phase.QUICK_STOP and seen is Drive.QUICK_STOPPING:
+            awaits = Drive.DISABLED if standstill else None
+        elif phase is _FOLLOW and seen in _WITHOUT_POWER and column in ON_WISHES:
+            awaits = _SWITCHED_ON
+        elif action is Action.SHUTDOWN:
+            awaits = Drive.READY
+        if awaits is not self.awaits:
+            self.awaits, self.since = awaits, now if awaits else 0
         enabling = cell.controlword == _ENABLING or (action is Action.PASS and column is _ENABLE)
         if enabling is not self.enabling:
             if enabling:
@@ -260,9 +256,8 @@ class Interlock:
         self._steady = -1
         """Fast path: the state bits of the Statusword in operation as requested with nothing to report; else -1."""
         self._request = Request(_NO_PLC[settings.on_plc_loss], settings.ramp_stop_resume)
-        self._commanded = Commanded(
-            settings.latency_ns, Remote(settings.latency_ns), settings.enter_ns, Answer(settings.latency_ns)
-        )
+        latency = settings.latency_ns
+        self._commanded = Commanded(latency, Remote(latency), _limits(latency, settings.enter_ns), Answer(latency))
 
     @property
     def operates(self) -> bool:
@@ -338,7 +333,7 @@ class Interlock:
         request.disable_armed = cell.phase in STOPPING and (
             wish in _ENABLED or (request.disable_armed and cell.phase is phase)
         )
-        commanded.done(cell, column, seen, phase, now)
+        commanded.done(cell, column, seen, phase, standstill, now)
         if request.connection is not _UNCONNECTED:
             self.plc_was_there = True
         self.reason = cell.reason

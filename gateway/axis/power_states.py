@@ -31,11 +31,11 @@ class Phase(enum.IntEnum):
     COAST = 7
     """OFF2: Disable Voltage until the drive shows no power. Only an OFF ends it."""
     INHIBITED = 8
-    """As LOCKED, but the drive does not leave Switch On Disabled (STO, supply): Shutdown, so that it shows when that ends."""
+    """As LOCKED, but the drive did not follow an ON in time (STO, supply): Shutdown, so that it shows when that ends."""
 
 
 class Drive(enum.IntEnum):
-    """State of the drive; the last eleven need more than its Statusword."""
+    """State of the drive; the last twelve need more than its Statusword."""
 
     NOT_READY = 0
     DISABLED = 1
@@ -69,7 +69,10 @@ class Drive(enum.IntEnum):
     ENTERING = 17
     """Switched on, but the last Controlword was Enable Operation: the drive may be in operation already."""
     INHIBITED = 18
-    """Not ready, or Switch On Disabled, although Shutdown is commanded: STO or the supply is missing, or it tests itself."""
+    """It has not followed Shutdown or an ON in time: STO, the supply or an enable is missing, or it tests itself; or it is in
+    local mode below Switched On."""
+    LOCAL = 19
+    """Switched on, in local mode: it takes no command, and may have taken the last one."""
 
 
 class Action(enum.IntEnum):

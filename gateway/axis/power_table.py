@@ -54,7 +54,7 @@ SHOWS_OPERATION: Final = (*IN_OPERATION, D.LEAVING)
 QUICK_STOPS: Final = (D.QUICK_STOPPING, D.QUICK_STOPPED)
 OFF: Final = (D.NOT_READY, D.DISABLED, D.FELL_OFF, D.INHIBITED)
 """Without power, and no Controlword on its way can change that."""
-UNPOWERED: Final = (*OFF, D.READY, D.SWITCHED_ON, D.ENTERING, D.FELL_BACK)
+UNPOWERED: Final = (*OFF, D.READY, D.SWITCHED_ON, D.ENTERING, D.LOCAL, D.FELL_BACK)
 UNREAD: Final = (D.POWERED_UNREAD, D.NO_REFERENCES, D.RESTARTED)
 RUNNING: Final = (P.FOLLOW, P.PASS)
 LOCKS: Final = (P.LOCKED, P.INHIBITED)
@@ -255,7 +255,7 @@ ROWS: Final = (
     ),
     Row(
         RUNNING,
-        (D.ENTERING,),
+        (D.ENTERING, D.LOCAL),
         (*RAMPS, W.HOLD, *QUICK_STOP_WISHES),
         P.UNCONFIRMED,
         A.QUICK_STOP,
@@ -329,7 +329,16 @@ ROWS: Final = (
         P.INHIBITED,
         A.SHUTDOWN,
         Reason.INHIBITED,
-        "the end of STO starts nothing",
+        "the end of STO, or a late supply, starts nothing",
+    ),
+    Row(
+        (P.FOLLOW,),
+        (D.LOCAL,),
+        ENABLES,
+        P.UNCONFIRMED,
+        A.QUICK_STOP,
+        Reason.LOCAL_MODE,
+        "the end of local mode starts nothing",
     ),
     Row((P.FOLLOW,), (D.NOT_READY, D.DISABLED), ANY_WISH, None, A.SHUTDOWN, Reason.NOT_OPERATING, "transition 2 first"),
     Row(

@@ -154,7 +154,8 @@ class AxisSettings:
     stop_time_ns: int = 10 * SECOND
     """Time from 100 % speed to standstill with the drive's own ramps."""
     enter_ns: int = 10 * SECOND
-    """Longest time from Enable Operation to Operation Enabled: a brake and the search of the commutation angle take less."""
+    """Longest time from ON to Switched On, from Enable Operation to Operation Enabled, and at standstill out of it: DC link,
+    commutation angle and brake take less."""
     last_stop: LastStop = LastStop.DISABLE_VOLTAGE
     stall_ns: int = 2 * SECOND
     """An axis that expects the end of its motion and makes no way for this time has stalled."""

@@ -381,8 +381,8 @@ class Reason(enum.Enum):
         "check whether the axis is blocked, its brake, and the home switch; STW1.11 = 0 ends the homing",
     )
     INHIBITED = (
-        "the drive does not leave Switch On Disabled: safe torque off (STO), enable input or supply; ON is used up",
-        "close STO and the enable input, switch the supply on; then send OFF (STW1.0 = 0) and ON",
+        "the drive has not followed ON in time: safe torque off (STO), enable input or supply; ON is used up",
+        "close STO and the enable input, switch the supply on; then OFF and ON",
         _E.OPERATION,
     )
     HELD_OFF = (
@@ -487,7 +487,7 @@ class Reason(enum.Enum):
     )
     NOT_LEFT = (
         "the drive is at standstill and has not left operation yet",
-        "wait while its brake closes; if it takes longer than 10 s, check the brake and its time in the drive",
+        "wait while its brake closes; if it takes longer than enter_ms (10 s), check the brake and its time in the drive",
         _E.OPERATION,
         _S.STOPPING,
     )

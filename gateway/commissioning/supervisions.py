@@ -117,12 +117,22 @@ SUPERVISIONS: Final = (
         lambda _, __: EMERGENCY_PATIENCE_NS,
     ),
     Supervision(
+        "following ON",
+        "Switch On without Switched On",
+        "ON is used up: OFF and ON",
+        None,
+        "a contactor closes, or the DC link is charged: Starting",
+        lambda _, axis: axis.enter_ns,
+        "enter_ms",
+    ),
+    Supervision(
         Measured.ENTERS,
         "Enable Operation without Operation Enabled",
         "Quick Stop, then as below",
         _F.NOT_ENTERED,
         "a brake opens, or the drive finds its commutation angle: Starting",
         lambda _, axis: axis.enter_ns,
+        "enter_ms",
     ),
     Supervision(
         Measured.REACTS,
@@ -140,6 +150,7 @@ SUPERVISIONS: Final = (
         _F.STOP_IGNORED,
         "its brake closes: Stopping, ON is not accepted",
         lambda _, axis: axis.enter_ns,
+        "enter_ms",
     ),
     Supervision(
         Measured.BRAKES,

@@ -100,6 +100,8 @@ class AxisConfig(DriveObjectSection):
     stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = _AXIS.stop_time_ns // MS
     """Time from 100 % speed to standstill with the drive's own ramps (6084h, 6085h)."""
     last_stop: LastStop = _AXIS.last_stop
+    enter_ms: Annotated[Integer, Field(ge=1_000, le=600_000)] = _AXIS.enter_ns // MS
+    """Time in which the drive follows an ON, enters operation, and leaves it at standstill: DC link, brake, commutation."""
     modulo_axis: Boolean = _AXIS.modulo_axis
     intermediate_stop_reached: Boolean = _AXIS.intermediate_stop_reached
     simulate: Simulated = False
@@ -209,6 +211,7 @@ class AxisConfig(DriveObjectSection):
             self.control_lost,
             stop_time_ns=self.stop_time_ms * MS,
             last_stop=self.last_stop,
+            enter_ns=self.enter_ms * MS,
             jog_speeds_rpm=self.jog_speeds_rpm,
             g1_is_encoder=self.g1 is not None,
             second_sensor=self._second_sensor,

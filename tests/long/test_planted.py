@@ -112,6 +112,7 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
         Narrow(1, also=("lost",)),
         row(FOLLOW, (Drive.LOST,), ENABLES, None, Action.ENABLE_OPERATION),
     ),
+    "late supply starts the drive": (DEFAULT, row(FOLLOW, (Drive.INHIBITED,), ENABLES, None, Action.SWITCH_ON)),
     "quick stop sent as Shutdown": (
         STOPS,
         row(tuple(Phase), SHOWS_OPERATION, (PowerWish.QUICK_STOP,), Phase.QUICK_STOP, Action.SHUTDOWN),

@@ -107,7 +107,7 @@ def test_off_of_an_unpowered_drive_counts_in_every_locked_phase() -> None:
 def test_off3_reaches_an_unpowered_drive_in_every_known_phase() -> None:
     for name, item in walk(wishes={PowerWish.QUICK_STOP}, drives=UNPOWERED, phases=set(Phase) - {Phase.UNCONFIRMED}):
         fell = name.startswith(("FOLLOW, FELL", "PASS, FELL"))
-        entering = name.startswith(("FOLLOW, ENTERING", "PASS, ENTERING"))
+        entering = name.startswith(("FOLLOW, ENTERING", "PASS, ENTERING", "FOLLOW, LOCAL", "PASS, LOCAL"))
         after = Phase.UNCONFIRMED if entering else Phase.LOCKED
         assert fell or (item.phase, item.action) == (after, Action.QUICK_STOP), name
 
@@ -178,7 +178,7 @@ def test_without_control_by_plc_nothing_starts_and_no_lock_ends(wish: PowerWish)
 
 def test_a_drive_that_may_be_in_operation_brakes_without_the_plc_or_its_control() -> None:
     asked = {PowerWish.STOP, PowerWish.HOLD, PowerWish.NO_PLC_RAMP, PowerWish.NO_PLC_QUICK_STOP}
-    for name, item in walk(phases=FOLLOWS, drives={Drive.ENTERING}, wishes=asked):
+    for name, item in walk(phases=FOLLOWS, drives={Drive.ENTERING, Drive.LOCAL}, wishes=asked):
         assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
 
 
@@ -338,6 +338,7 @@ def test_each_stop_that_no_plc_orders_has_the_number_of_its_fault() -> None:
         item = cell(phase, drive, wish)
         stops = phase in FOLLOWS and item.phase not in {*FOLLOWS, Phase.INHIBITED}
         unasked = phase not in FOLLOWS and drive in SHOWS_OPERATION and "without a command" in ROWS[item.row].why
+        stops = stops and not (drive is Drive.LOCAL and wish in ENABLES)  # an ON that is used up, as one of INHIBITED
         if stops and wish not in ORDERED or unasked and wish not in NO_PLC:
             assert item.fault, (phase.name, drive.name, wish.name)
             assert item.fault == INTERNAL_FAULT or item.fault in GATEWAY_FAULTS
@@ -363,7 +364,7 @@ LOOKED_AT = [
     (phase, drive, wish)
     for phase, drive, wish in EVERYTHING
     # These need a past of their own; they have tests of their own.
-    if drive not in {Drive.FELL_BACK, Drive.FELL_OFF, Drive.RESTARTED, Drive.INHIBITED}
+    if drive not in {Drive.FELL_BACK, Drive.FELL_OFF, Drive.RESTARTED, Drive.INHIBITED, Drive.LOCAL}
     and wish not in {PowerWish.RESUME, PowerWish.OFF_DISABLED, PowerWish.QUICK_STOP_DISABLED}
     # Only a phase that enables knows a last Controlword that did.
     and (drive not in {*IN_OPERATION, Drive.ENTERING} or phase in ENABLING)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY
@@ -460,6 +461,17 @@ def test_the_example_shows_a_key_that_has_a_default_with_its_default(
         default = default.value if isinstance(default, enum.Enum) else default
         default = list(default) if isinstance(default, tuple) else default
         assert value == (default * 100 if key == "standstill_window_percent" else default), key
+
+
+def test_enter_ms_is_the_time_in_which_a_drive_follows_an_on() -> None:
+    for key, seconds in (("", 10), ("enter_ms = 20_000", 20)):
+        assert parse_config(BASE + key).axis[0].settings_at(4).enter_ns == seconds * SECOND
+
+
+@pytest.mark.parametrize("value", ["999", "600_001", "10.5", '"10 s"'])
+def test_enter_ms_out_of_range_is_refused_with_its_name(value: str) -> None:
+    with pytest.raises(GatewayError, match="enter_ms"):
+        parse_config(f"{BASE}enter_ms = {value}\n")
 
 
 @given(text=st.text(max_size=200))

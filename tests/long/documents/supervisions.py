@@ -19,6 +19,7 @@ NEAREST = {
     "restart": "boot-up-repeated",
     "Statusword": "manufacturer-bits",
     "EMCY": "emcy-of-a-warning",
+    "following ON": "power-stage-charges",
     "entering operation": "brake-opens",
     "reaction to a command": "status-latency",
     "leaving operation at standstill": "brake-closes",

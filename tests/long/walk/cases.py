@@ -47,6 +47,8 @@ LONG_TICK_NS = 1000 * MS
 ages are over after one step; the walks without homing and jog have them.
 """
 _BRAKE_STEPS = 5
+_ON_STEPS = 4
+"""Steps that an ON waits for the drive: the slowest correct one (``recovery``) needs three for a transition."""
 NOT_WALKED = dict.fromkeys(ENCODER_TELEGRAM_NUMBERS, "an encoder has no power stage and no motion")
 """Telegrams without a walk, with the reason."""
 ANSWER_NS = 2 * SECOND
@@ -113,6 +115,7 @@ class Case:
             life=self.life,
             answer_steps=ANSWER_NS // self.tick_ns,
             enter_steps=2,
+            on_steps=_ON_STEPS,
         )
         monitor = BrakeMonitor(_BRAKE_STEPS if self.brake else 0) if self.guarding else Monitor(expected)
         result = search(PowerWalk(machine, monitor), machine, until)
@@ -126,7 +129,8 @@ class Case:
         """The axis machine with all inputs. ``kind``: Transducer or a subclass."""
         shown = self._shown()
         inputs = product(self._frames(), guarded(shown) if self.guarding else shown)
-        return kind(self.number, self.settings(), drive(), self.tick_ns, inputs, guarding=self.guarding)
+        on_ns = self.tick_ns * _ON_STEPS
+        return kind(self.number, self.settings(), drive(), self.tick_ns, inputs, guarding=self.guarding, on_ns=on_ns)
 
     @property
     def _tasks(self) -> bool:

@@ -33,7 +33,7 @@ from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionE
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Interlock, Remote
+from pdgw.gateway.axis.interlock import Commanded, Interlock, Remote
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
@@ -79,9 +79,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     Commanded: {
         "INSTANTS": lambda item: {
             "late_until": 0,
-            "on_since": item.enter,
-            "shutdown_since": item.latency,
-            "standing_since": QUICK_STOP_STANDING_NS,
+            "since": max(limit for row in item.limits.values() for limit in row.values()),
         },
     },
     # No drive of the walk is in local mode.

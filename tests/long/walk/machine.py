@@ -8,6 +8,7 @@ from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.demand_report import Flag
+from pdgw.gateway.axis.interlock import _limits
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.settings import AxisSettings
@@ -36,8 +37,12 @@ class Transducer:
         inputs: Iterable[tuple[Plc, Shown]] = (),
         *,
         guarding: bool = False,
+        on_ns: int = 0,
     ) -> None:
+        """``on_ns``: the longest time of an ON, without that of a brake; 0: that of the settings."""
         self._machine = AxisMachine(number, settings, DriveFeedback())
+        if on_ns:
+            self._machine.interlock._commanded.limits = _limits(settings.latency_ns, on_ns)
         self._drive = drive
         self._tick = tick_ns
         self._checkpoints = Checkpoints(self._machine, any_counter=True, stops=guarding, data=False)

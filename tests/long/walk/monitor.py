@@ -28,6 +28,8 @@ _CERTAIN = 3
 """After this number of consecutive Enable Operation the drive has received one."""
 _DEAD = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, *FAULTY)
 """States without power that a delayed Enable Operation cannot leave."""
+_BELOW = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON)
+"""States below Switched On."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,8 @@ class Expected:
     """Steps in which a drive acknowledges a setpoint."""
     enter_steps: int = 0
     """Steps in which a drive enters operation."""
+    on_steps: int = 0
+    """Steps in which a drive below Switched On follows an ON."""
 
 
 class Memory(NamedTuple):
@@ -94,6 +98,8 @@ class Memory(NamedTuple):
     """Steps of New Setpoint without an acknowledge, up to the first that needs a reason; -1 after an acknowledge."""
     entering: int = 0
     """Steps in Switched On after Enable Operation, up to the first that is too late."""
+    waits: int = 0
+    """Steps in which the PLC sends ON and the drive is below Switched On, up to the first in which the ON is used up."""
     halting: int = 0
     """Steps in which an axis with tasks turned in spite of Halt, up to the first that is too late: it may get Quick Stop."""
 
@@ -188,7 +194,8 @@ class _Step:
         fell = state in UNPOWERED or state is State.QUICK_STOP_ACTIVE
         left = memory.operated and memory.enables == _CERTAIN and fell
         goes_on = asked.hold and power == ENABLE and memory.enables > 0 and not memory.ramp
-        released = asked.off or (memory.released and not self.shown.restarted and not left)
+        used_up = memory.waits > 0 and memory.waits >= self.expected.on_steps
+        released = asked.off or (memory.released and not (self.shown.restarted or left or used_up))
         self.released = released and asked.connected and not self.stops and (asked.on or asked.off or goes_on)
         self.commanded = power == ENABLE and self.released and (asked.enable or goes_on)
         self.ramp = power == ENABLE and not self.commanded
@@ -277,6 +284,7 @@ class _Step:
         off = state in UNPOWERED or state in FAULTY
         ends = asked.disable or state is State.QUICK_STOP_ACTIVE
         armed = (asked.connected and self.plc.word & _DISABLE != 0) or (memory.armed and not asked.begins)
+        waits = self.released and asked.on and state in _BELOW and not self.expected.raw
         entering = min(memory.entering, self.expected.enter_steps) + 1
         ignored = (
             self.expected.tasks and self.in_operation and self.shown.velocity and seen.controlword & ControlBit.HALT
@@ -297,5 +305,6 @@ class _Step:
             lives=asked.lives,
             missed=asked.missed,
             entering=entering if memory.enables and state is State.SWITCHED_ON else 0,
+            waits=min(memory.waits + 1, self.expected.on_steps) if waits else 0,
             halting=min(memory.halting, self.expected.enter_steps) + 1 if ignored else 0,
         )
