@@ -28,7 +28,7 @@ from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
-from pdgw.gateway.objects.origins import ORDERS, Origin
+from pdgw.gateway.objects.origins import ORDERS, Origin, used_up
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
@@ -179,6 +179,10 @@ class Axis(DriveObject):
         if self.gateway_stops:
             return Origin(By.GATEWAY, Reason.GATEWAY_STOPS.value, now)
         if (fault := GATEWAY_FAULTS.get(cell.fault or 0)) is None:
+            word = self.drive.feedback.statusword
+            if reason is Reason.INHIBITED and (state := state_of(word)) is not None:
+                evidence, remedy = used_up(state, word, self._settings.enter_ns)
+                return Origin(By.DRIVE, evidence, now, remedy)
             order = ORDERS.get(reason)
             return Origin(By.PLC if order else By.DRIVE, order or (reason or Reason.NEEDS_OFF).value, now)
         evidence = fault.name

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
 from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
@@ -25,7 +26,7 @@ from pdgw.gateway.objects.bit_effects import bit_texts
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.origins import Origin, clock, since
+from pdgw.gateway.objects.origins import Origin, clock, since, used_up
 from pdgw.profidrive.encoder import (
     ENCODER_ACKNOWLEDGE,
     SENSOR_ACKNOWLEDGE,
@@ -40,7 +41,9 @@ from pdgw.profidrive.words import unswapped
 _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
 )
-_ENTERS: Final = "wait; if it takes longer than 10 s, check the brake, safe torque off (STO) and the enable input"
+_ENTERS: Final = (
+    "wait; if it takes longer than {:g} s (enter_ms), check the brake, safe torque off (STO) and the enable input"
+)
 _PHYSICAL = (Enable.BUS, Enable.NODE)
 AXIS_CHAIN: Final = (
     *_PHYSICAL,
@@ -254,7 +257,9 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     machine, demand, powered = axis.machine, axis.machine.demand, state in POWERED
     reason, statusword = machine.outputs.reason, axis.drive.feedback.statusword
     missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
-    commanded = demand.connected and demand.power in _ASKS and machine.interlock.reason in missing
+    asks = demand.connected and demand.power in _ASKS
+    commanded = asks and machine.interlock.reason in missing
+    again = "; then OFF and ON" if asks and not axis.released else ""
     if state in FAULTY:
         origin = Origin.of(cause.record) if (cause := axis.cause) is not None else None
         chain.breaks(Reason.DRIVE_FAULT, *_fault_texts(axis, origin, _acknowledge(axis)))
@@ -269,18 +274,20 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     if powered or statusword & StatusBit.VOLTAGE_ENABLED:
         chain.passes(Enable.SUPPLY)
     elif axis.shows_supply or commanded:
-        chain.breaks(Reason.NO_SUPPLY)
+        chain.breaks(Reason.NO_SUPPLY, "", again and Reason.NO_SUPPLY.remedy + again)
     if machine.interlock.is_local(statusword):
         own = axis.released and (machine.outputs.command.target_velocity or machine.executor.limit_side)
         panel = Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE
-        chain.breaks(panel, "", f"{panel.remedy}; then OFF and ON" if reason is Reason.LOCAL_MODE else "")
-    elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.INHIBITED, Reason.NOT_LEFT):
+        chain.breaks(panel, "", again and panel.remedy + again)
+    elif reason is Reason.INHIBITED and state is not None:
+        chain.breaks(reason, *used_up(state, statusword, machine.settings.enter_ns))
+    elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
         chain.passes(Enable.OPERATION)
     elif commanded and (begin := machine.enters_since):
         evidence = f"the drive opens its brake, or finds its commutation angle, since {clock(begin, axis.network.loop)}"
-        chain.breaks(Reason.NOT_OPERATING, evidence, _ENTERS)
+        chain.breaks(Reason.NOT_OPERATING, evidence, _ENTERS.format(machine.settings.enter_ns / SECOND))
     elif commanded and state is not None and demand.power is not PowerWish.ON:
         local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
         chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}{local}")

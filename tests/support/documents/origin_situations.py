@@ -77,6 +77,44 @@ def show_local(_: Plc, daemon: Daemon) -> None:
     drive_of(daemon).model.disguises.append(shows)
 
 
+def open_sto(plc: Plc, daemon: Daemon) -> None:
+    """The drive stays in Switch On Disabled during OFF, with its supply."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.statusword = STATUS_OF[State.SWITCH_ON_DISABLED] | StatusBit.REMOTE | StatusBit.VOLTAGE_ENABLED
+
+    plc.endpoint.set(0, {"STW1": OFF})
+    run_out(plc)
+    drive_of(daemon).model.disguises.append(shows)
+    run_out(plc)
+
+
+def wait_in_ready(plc: Plc, daemon: Daemon) -> None:
+    """The drive stays in Ready To Switch On without supply, longer than an ON waits."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.statusword = STATUS_OF[State.READY_TO_SWITCH_ON] | StatusBit.REMOTE
+
+    plc.endpoint.set(0, {"STW1": OFF})
+    run_out(plc)
+    drive_of(daemon).model.disguises.append(shows)
+    plc.endpoint.set(0, {"STW1": ON})
+    run_out(plc, daemon.axes[0].config.enter_ms * MS)
+
+
+def set_local_switched_on(plc: Plc, daemon: Daemon) -> None:
+    """Somebody switches the drive to local mode while it is Switched On, and the PLC enables operation."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.statusword = STATUS_OF[State.SWITCHED_ON] | StatusBit.VOLTAGE_ENABLED
+
+    plc.endpoint.set(0, {"STW1": ON & ~0x8})
+    run_out(plc)
+    drive_of(daemon).model.disguises.append(shows)
+    run_out(plc)
+    plc.endpoint.set(0, {"STW1": ON})
+
+
 def leave_operational(_: Plc, daemon: Daemon) -> None:
     """The node sends an EMCY and is Pre-operational."""
     node = drive_of(daemon).node
@@ -231,6 +269,62 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         lacks=("safe torque off",),
         health=Health.WARNING,
         cure=both(end_faults, good),
+    ),
+    "the drive is in local mode in Switched On": Situation(
+        begin=set_local_switched_on,
+        says=(
+            "Waits: the drive takes no commands from the bus: Statusword.9 = 0 (local mode)",
+            "switch the drive to remote",
+            "then OFF and ON",
+        ),
+        health=Health.WARNING,
+        cure=both(end_faults, _AGAIN, good),
+    ),
+    "the drive was in local mode in Switched On while the PLC keeps ON": Situation(
+        begin=both(set_local_switched_on, time_passes, end_faults),
+        says=("Waits: ON ignored: ON came while the drive was in local mode (Statusword.9 = 0)", "OFF and ON"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the main contactor stays open while the PLC keeps ON": Situation(
+        begin=wait_in_ready,
+        says=("Waits: the drive reports no supply voltage (Statusword.4 = 0)", "main contactor", "; then OFF and ON"),
+        health=Health.WARNING,
+        cure=both(end_faults, _AGAIN),
+    ),
+    "the main contactor closes too late after ON": Situation(
+        begin=both(wait_in_ready, end_faults),
+        says=(
+            "Waits: ON ignored: the drive did not leave Ready to Switch On for 10 s (enter_ms) after ON: "
+            "no supply voltage (Statusword.4 = 0), since ",
+            "main contactor",
+            "; then OFF and ON",
+        ),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "an enable of the drive is missing for longer than ON waits": Situation(
+        begin=both(BREAKERS[Enable.OPERATION], lambda plc, daemon: run_out(plc, daemon.axes[0].config.enter_ms * MS)),
+        says=(
+            "Waits: ON ignored: the drive did not leave Ready to Switch On for 10 s (enter_ms) after ON: "
+            "main contactor, DC link or enable input, since ",
+            "close STO and the enable input",
+            "; then OFF and ON",
+        ),
+        lacks=("OFF and ON; then",),
+        health=Health.WARNING,
+        cure=both(end_faults, _AGAIN),
+    ),
+    "safe torque off is open when ON comes": Situation(
+        begin=both(open_sto, words((ON, {}))),
+        says=(
+            "Waits: the drive did not leave Switch On Disabled after ON: safe torque off (STO), enable input or supply",
+            "close STO and the enable input",
+            "then OFF and ON",
+        ),
+        lacks=("ON ignored",),
+        health=Health.WARNING,
+        cure=both(end_faults, _AGAIN),
     ),
     "the drive is remote again while the PLC keeps ON": Situation(
         begin=both(set_local, words((ON, {})), end_faults),
