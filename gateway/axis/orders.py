@@ -73,7 +73,11 @@ class Row:
 _ENTERS, _STOPS, _SPEED = FaultNumber.NOT_ENTERED, FaultNumber.STOP_IGNORED, FaultNumber.VELOCITY
 ORDERS: Final = {
     Order.NONE: Row(
-        Leave.NONE, Line.NONE, False, _STOPS, "may last: the PLC asks for it, or the drive has no power; an ON ends after `enter_ms`"
+        Leave.NONE,
+        Line.NONE,
+        False,
+        _STOPS,
+        "may last: the PLC asks for it, or the drive is off; an ON ends after `enter_ms`",
     ),
     Order.ENTER: Row(Leave.ENTER, Line.NONE, False, _ENTERS, "Enable Operation must lead to Operation Enabled"),
     Order.SETPOINT: Row(

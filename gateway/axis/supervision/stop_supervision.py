@@ -140,20 +140,8 @@ class StopWatch:
                 self._restart()
             self.order = order
         speed, line = abs(velocity), ORDERS[order].line
-        if self.brake is Brake.NMT_STOP:
-            if node_stopped:
-                self._braked = -1
-            elif self._braked >= 0:
-                if now - self._braked >= self._reaction:
-                    self.brake = Brake.WITHHOLD_HEARTBEAT
-            elif seen:
-                if self.needs_last_stop(velocity, window, now):
-                    self.brake = Brake.WITHHOLD_HEARTBEAT
-                    self.last = self.late = True
-                    return FaultNumber.STOP_IGNORED
-                self._restart()
-                self.order = order
-                self._nmt_tried = True
+        if self.brake is Brake.NMT_STOP and self._needs_more(order, seen, node_stopped, velocity, window, now):
+            return FaultNumber.STOP_IGNORED
         if self.brake is not Brake.NONE or not seen:
             return None
         if self.began < 0:
@@ -191,6 +179,23 @@ class StopWatch:
                 self._braked = now
             return FaultNumber.STOP_IGNORED
         return fault
+
+    def _needs_more(self, order: Order, seen: bool, node_stopped: bool, velocity: int, window: int, now: int) -> bool:
+        """One cycle after an NMT stop: whether the drive is there again and needs the last stop."""
+        if node_stopped:
+            self._braked = -1
+        elif self._braked >= 0:
+            if now - self._braked >= self._reaction:
+                self.brake = Brake.WITHHOLD_HEARTBEAT
+        elif seen:
+            if self.needs_last_stop(velocity, window, now):
+                self.brake = Brake.WITHHOLD_HEARTBEAT
+                self.last = self.late = True
+                return True
+            self._restart()
+            self.order = order
+            self._nmt_tried = True
+        return False
 
     def needs_last_stop(self, velocity: int, window: int, now: int) -> bool:
         """Whether a drive that the NMT stop should have stopped turns faster than it may at this time of its stop."""
