@@ -18,6 +18,8 @@ from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, a
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 
 NODE_IDS: Final = range(1, 128)
+DEFAULT_GATEWAY_NODE_ID: Final = 127
+"""Node-ID of the gateway on a bus whose configuration has none."""
 
 NMT: Final = 0x000
 SYNC: Final = 0x080

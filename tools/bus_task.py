@@ -39,7 +39,7 @@ def opened(config: CanConfig, platform: Platform | None = None) -> Iterator[CanN
     """
     used = SystemPlatform() if platform is None else platform
     try:
-        network = CanNetwork(used.loop, partial(used.open_can, config), config.name)
+        network = CanNetwork(used.loop, partial(used.open_can, config), config.name, config.node_id)
         network.start()
         try:
             with quiet("canopen"):  # a missing answer is a result here, not an error

@@ -21,6 +21,8 @@ from pdgw.ds301.aborts import CanopenError
 
 DEFAULT_BITRATE: Final = 1_000_000
 """Default bit rate of a bus."""
+GATEWAY: Final = 0
+"""The sender of the gateway's frames, whatever its node-ID is."""
 _OVERHEAD_BITS = 47
 _STUFFED_OVERHEAD_BITS = 34
 _SDO_SHARE: Final = 0.5
@@ -37,13 +39,13 @@ def frame_bits(size: int, *, worst: bool = True) -> int:
 
 @dataclass(frozen=True, slots=True)
 class CyclicFrames:
-    """Frames that can appear ``per_second`` times: what they are, data bytes, rate, COB-ID and node-ID of their sender."""
+    """Frames that can appear ``per_second`` times: what they are, data bytes, rate, COB-ID, sender (node-ID)."""
 
     name: str
     size: int
     per_second: float
     cob_id: int = 0
-    sender: int = 0
+    sender: int = GATEWAY
 
 
 def bus_load(frames: Sequence[CyclicFrames], bitrate: int) -> float:

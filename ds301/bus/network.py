@@ -19,7 +19,15 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
-from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC, NmtState
+from pdgw.ds301.communication import (
+    DEFAULT_GATEWAY_NODE_ID,
+    ERROR_CONTROL,
+    NMT,
+    SDO_REQUEST,
+    SDO_RESPONSE,
+    SYNC,
+    NmtState,
+)
 from pdgw.ds301.loop.jobs import Turns
 from pdgw.ds301.loop.loop import Loop, Timer
 
@@ -70,9 +78,11 @@ class FrameTap:
 class CanNetwork(Receiver):
     """A bus shared by the drives and encoders on it. CanopenError from the constructor when it cannot be opened."""
 
-    def __init__(self, loop: Loop, opener: Opener, name: str = "can") -> None:
+    def __init__(self, loop: Loop, opener: Opener, name: str = "can", node_id: int = DEFAULT_GATEWAY_NODE_ID) -> None:
         self.loop = loop
         self.name = name
+        self.node_id = node_id
+        """The gateway's own on this bus."""
         self._log_fields = {"event": "bus", "bus": name}
         """For who collects the log."""
         self.bring_ups = Turns(loop, _BRING_UPS)
@@ -372,9 +382,9 @@ class CanNetwork(Receiver):
         for send_again in self.on_drop:
             send_again()
 
-    def send_heartbeat(self, node_id: int) -> None:
+    def send_heartbeat(self) -> None:
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
-        self.send(ERROR_CONTROL + node_id, _OPERATIONAL)
+        self.send(ERROR_CONTROL + self.node_id, _OPERATIONAL)
 
     def require_sync(self, node_id: int, *, required: bool) -> None:
         """Whether a node needs SYNC."""

@@ -8,13 +8,10 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from pdgw.base.durations import MS
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.pdo import Pdo
-
-GATEWAY_NODE_ID: Final = 127
 
 
 class NodeStatus(enum.Enum):
@@ -44,7 +41,6 @@ class NodeSettings:
     node_id: int
     eds: Path | None = None
     """A user's EDS/DCF; None takes the one in the package."""
-    gateway_node_id: int = GATEWAY_NODE_ID
     heartbeat_ms: int = 100
     """Producer time of both sides; consumers expire after ``heartbeat_factor`` times that."""
     heartbeat_factor: int = 3

@@ -10,9 +10,8 @@ import enum
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
-from pdgw.ds301.bus.load import CyclicFrames
+from pdgw.ds301.bus.load import GATEWAY, CyclicFrames
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SYNC_TYPES, SdoStep, disable_pdo, map_pdo
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection, pdo_of
 
@@ -107,7 +106,7 @@ class PdoPlan:
         found = []
         for item in (*self.rpdos, *self.tpdos):
             received = item.pdo.direction is PdoDirection.RPDO
-            sender = GATEWAY_NODE_ID if received else node_id
+            sender = GATEWAY if received else node_id
             rate = cycle_rate if received or item.pace is Pace.SYNC else tpdo_rate
             slow = item.pace is not Pace.SYNC and set(item.pdo.attributes).isdisjoint(often)
             rate = min(rate, _DATA_PDO_RATE) if slow else rate

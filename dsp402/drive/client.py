@@ -381,7 +381,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _configure_guarding(self, drive: DriveType) -> None:
         settings = self.settings
-        times = settings.guarding_of(drive, self.rpdos.control.pdo.communication_index)
+        times = settings.guarding_of(drive, self.network.node_id, self.rpdos.control.pdo.communication_index)
         guarding = guard(times, self.sdo.write_checked, self.sdo.read_number)
         if guarding.refusal and not settings.allow_unguarded:
             raise Dsp402Error(

@@ -56,11 +56,11 @@ class DriveSettings(NodeSettings):
             if row.why and (row.treatment is not Treatment.COMPARED or (self.modulo and row is TURNS_ROUND))
         )
 
-    def guarding_of(self, drive: DriveType, control_index: int) -> GuardTimes:
+    def guarding_of(self, drive: DriveType, gateway_node_id: int, control_index: int) -> GuardTimes:
         """How this drive must monitor the gateway. ``control_index``: index of the RPDO with the Controlword."""
         cyclic = drive.mode_for(self.initial_mode) in _CYCLIC_MODES
         return GuardTimes(
-            self.gateway_node_id,
+            gateway_node_id,
             self.heartbeat_ms,
             self.heartbeat_factor,
             self.rpdo_refresh_ms,

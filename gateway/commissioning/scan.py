@@ -27,7 +27,6 @@ from pdgw.ds301.communication import (
 )
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.node.sdo import Inquiry
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive.guarding import guard
@@ -195,7 +194,7 @@ class Scan:
         base, node_id = can_id & ~0x7F, can_id & 0x7F
         if base == ERROR_CONTROL and node_id and message.data:
             self._states[node_id] = message.data[0] & _NMT_STATE
-            if node_id == GATEWAY_NODE_ID and self._states[node_id] == NmtState.OPERATIONAL:
+            if node_id == self.network.node_id and self._states[node_id] == NmtState.OPERATIONAL:
                 self._master = f"the heartbeat of a gateway (node {node_id})"
         elif base == SDO_RESPONSE and node_id:
             self._answered.add(node_id)
@@ -297,7 +296,7 @@ class Scan:
             return
         found.drive = drive
         found.lacks = dict(lacks_by_telegram(drive))
-        found.notes.append(f"if the gateway dies, this device is stopped by {_guarding(node, drive, settings)}")
+        found.notes.append(f"if the gateway dies, this device is stopped by {self._guarding(node, drive, settings)}")
         if expected is None:
             return
         if expected.settings is not None:
@@ -307,31 +306,32 @@ class Scan:
             f"{expected.what} of the configuration, telegram {expected.telegram}: " + (missing or "nothing is missing")
         )
 
+    def _guarding(self, node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
+        """Text on the possible guarding of the gateway. An existing object counts as writable."""
 
-def _guarding(node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
-    """Text on the possible guarding of the gateway. An existing object counts as writable."""
+        def number(index: int, subindex: int) -> int:
+            value = node.number(index, subindex)
+            if value is None:
+                raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+            # The gateway would have written the period.
+            return times.sync_period_us if index == SYNC_PERIOD else value
 
-    def number(index: int, subindex: int) -> int:
-        value = node.number(index, subindex)
-        if value is None:
-            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
-        # The gateway would have written the period.
-        return times.sync_period_us if index == SYNC_PERIOD else value
+        def pretend(step: SdoStep) -> int:
+            number(step.index, step.subindex)
+            return step.value
 
-    def pretend(step: SdoStep) -> int:
-        number(step.index, step.subindex)
-        return step.value
-
-    times = settings.guarding_of(drive, PdoDirection.RPDO.communication_index)
-    found = guard(times, pretend, number)
-    if not found.refusal:
-        return found.text
-    if settings.allow_unguarded:
-        return f"{found.text}; pdgw run operates it because allow_unguarded = true"
-    by_sync = ""
-    if times.sync_loss_periods and not times.sync_period_us:
-        by_sync = ", or use a telegram with SYNC in a cyclic synchronous mode: drives of this family stop without SYNC"
-    return f"{found.text}; pdgw run rejects it; set allow_unguarded = true{by_sync}"
+        times = settings.guarding_of(drive, self.network.node_id, PdoDirection.RPDO.communication_index)
+        found = guard(times, pretend, number)
+        if not found.refusal:
+            return found.text
+        if settings.allow_unguarded:
+            return f"{found.text}; pdgw run operates it because allow_unguarded = true"
+        by_sync = ""
+        if times.sync_loss_periods and not times.sync_period_us:
+            by_sync = (
+                ", or use a telegram with SYNC in a cyclic synchronous mode: drives of this family stop without SYNC"
+            )
+        return f"{found.text}; pdgw run rejects it; set allow_unguarded = true{by_sync}"
 
 
 def _describe_encoder(node: Inquiry, found: FoundNode) -> None:

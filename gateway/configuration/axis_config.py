@@ -11,7 +11,6 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, mod
 
 from pdgw.base.durations import MS, US_PER_MS
 from pdgw.base.validation import misplaced
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.identification.overlay import add_family, overlay
@@ -263,7 +262,6 @@ class AxisConfig(DriveObjectSection):
         return DriveSettings(
             node_id=self.node_id,
             eds=self.eds,
-            gateway_node_id=GATEWAY_NODE_ID,
             heartbeat_ms=self.heartbeat_ms,
             # With SYNC a value arrives once per cycle, at any cycle time.
             tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if on_sync else self.tpdo_event_ms,

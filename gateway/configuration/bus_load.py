@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 from pdgw.base.durations import MS, MS_PER_SECOND, SECOND, US
 from pdgw.ds301.aborts import CanopenError
-from pdgw.ds301.bus.load import CyclicFrames, bus_load, response_times, sdo_gap_ns
+from pdgw.ds301.bus.load import GATEWAY, CyclicFrames, bus_load, response_times, sdo_gap_ns
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, SYNC
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import found_in_data_sheet, plan_pdos
 from pdgw.ds301.pdo import PdoCapabilities, PdoDirection
@@ -32,7 +31,7 @@ _POSITION_SIZE = 6
 _TPDOS = 4
 """TPDOs with a COB-ID of the pre-defined connection set."""
 _SDO_SIZE = 8
-_ANY_NODE = 0
+_ANY_NODE = -1
 """Sender of the SDO answers: one node at a time."""
 HEARTBEATS: Final = 2
 """Heartbeats of the gateway in the shortest heartbeat time of its nodes."""
@@ -51,6 +50,7 @@ def cyclic_frames(
     axes: Iterable[AxisConfig],
     encoders: Mapping[int, Sequence[EncoderConfig]],
     cycle_time_ms: float,
+    gateway_node_id: int,
     plans: Mapping[int, PdoPlan] | None = None,
 ) -> list[CyclicFrames]:
     """The frames of the nodes of one bus. ``encoders`` and ``plans`` of axes: by node-ID."""
@@ -62,7 +62,7 @@ def cyclic_frames(
         plan = (plans or {}).get(axis.node_id) or required_plan(axis, cycle_time_ms)
         tpdo_rate = SECOND / (max(axis.inhibit_us(cycle_time_ms), _DRIVE_CYCLE_US) * US)
         frames += plan.frames(axis.node_id, cycle_rate, tpdo_rate, (CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE))
-        frames.append(_heartbeat(axis.node_id, axis.heartbeat_ms))
+        frames.append(_heartbeat(axis.node_id, axis.heartbeat_ms, axis.node_id))
         heartbeats.append(axis.heartbeat_ms)
         sync |= plan.needs_sync
     for node_id, channels in encoders.items():
@@ -71,18 +71,18 @@ def cyclic_frames(
         for number, item in enumerate(channels, 1):
             cob_id = PdoDirection.TPDO.cob_id(min(number, _TPDOS), node_id)
             frames.append(CyclicFrames(f"position {node_id}/{item.channel}", _POSITION_SIZE, rate, cob_id, node_id))
-        frames.append(_heartbeat(node_id, first.heartbeat_ms))
+        frames.append(_heartbeat(node_id, first.heartbeat_ms, node_id))
         heartbeats.append(first.heartbeat_ms)
         sync |= first.sync
     if heartbeats:
-        frames.append(_heartbeat(GATEWAY_NODE_ID, min(heartbeats) / HEARTBEATS))
+        frames.append(_heartbeat(gateway_node_id, min(heartbeats) / HEARTBEATS, GATEWAY))
     if sync:
-        frames.append(CyclicFrames("SYNC", 0, cycle_rate, SYNC, GATEWAY_NODE_ID))
+        frames.append(CyclicFrames("SYNC", 0, cycle_rate, SYNC, GATEWAY))
     return frames
 
 
-def _heartbeat(node_id: int, period_ms: float) -> CyclicFrames:
-    return CyclicFrames(f"heartbeat {node_id}", 1, MS_PER_SECOND / period_ms, ERROR_CONTROL + node_id, node_id)
+def _heartbeat(node_id: int, period_ms: float, sender: int) -> CyclicFrames:
+    return CyclicFrames(f"heartbeat {node_id}", 1, MS_PER_SECOND / period_ms, ERROR_CONTROL + node_id, sender)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ def latest(frames: Sequence[CyclicFrames], bitrate: int, cycle_time_ms: float) -
     """Response times with the parameter channel in use; a frame has to be sent before it is due again, or within the cycle."""
     rate = SECOND / sdo_gap_ns(bus_load(frames, bitrate), bitrate)
     sdo = (
-        CyclicFrames("SDO request", _SDO_SIZE, rate, SDO_REQUEST + 1, GATEWAY_NODE_ID),
+        CyclicFrames("SDO request", _SDO_SIZE, rate, SDO_REQUEST + 1, GATEWAY),
         CyclicFrames("SDO answer", _SDO_SIZE, rate, SDO_RESPONSE + 1, _ANY_NODE),
     )
     responses = response_times([*frames, *sdo], bitrate)

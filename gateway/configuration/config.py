@@ -15,7 +15,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from pdgw.base.validation import misplaced
 from pdgw.ds301.aborts import CanopenError
-from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
+from pdgw.ds301.bus.load import DEFAULT_BITRATE, CyclicFrames, check_load
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
     FIRST_ENCODER_NUMBERS,
@@ -151,8 +152,12 @@ class GatewayConfig(Section):
     def check_load(self, bus: CanConfig) -> None:
         """CanopenError if the worst-case frames do not fit on the bus. A virtual bus without a bit rate has no limit."""
         if bus.interface != "virtual" or bus.bitrate is not None:
-            frames = cyclic_frames(self.axes_of(bus), self.encoders_of(bus), self.transport.cycle_time_ms)
-            check_load(bus.name, frames, bus.bitrate or DEFAULT_BITRATE)
+            check_load(bus.name, self.frames_of(bus), bus.bitrate or DEFAULT_BITRATE)
+
+    def frames_of(self, bus: CanConfig, plans: Mapping[int, PdoPlan] | None = None) -> list[CyclicFrames]:
+        """The cyclic frames of a bus in the worst case. ``plans``: of axes whose drives were read, by node-ID."""
+        cycle_ms = self.transport.cycle_time_ms
+        return cyclic_frames(self.axes_of(bus), self.encoders_of(bus), cycle_ms, bus.node_id, plans)
 
     def _check_nodes(self) -> None:
         for bus in self.can:
@@ -167,6 +172,13 @@ class GatewayConfig(Section):
             node_places: list[Place] = []
             channel_places: list[Place] = []
             for place, item in on_bus:
+                if item.node_id == bus.node_id:
+                    raise misplaced(
+                        f"node_id = {item.node_id} is that of the gateway on bus {bus.name}; set another [can] node_id, or give "
+                        "the device another node-ID",
+                        *place,
+                        "node_id",
+                    )
                 if isinstance(item, AxisConfig) or item.node_id not in devices:
                     nodes.append(item.node_id)
                     node_places.append(place)

@@ -9,7 +9,6 @@ from typing import Annotated
 from pydantic import Field, Strict, model_validator
 
 from pdgw.base.validation import misplaced
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, add_telegram
@@ -108,7 +107,6 @@ class EncoderConfig(DriveObjectSection):
         return EncoderSettings(
             node_id=self.node_id,
             eds=self.eds,
-            gateway_node_id=GATEWAY_NODE_ID,
             heartbeat_ms=self.heartbeat_ms,
             tpdo_event_ms=event_ms,
             # A position every few milliseconds is late long before its encoder is lost. A user with slower values can set a

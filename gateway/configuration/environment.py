@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model
 
 from pdgw.base.durations import MS
 from pdgw.base.validation import misplaced
+from pdgw.ds301.communication import DEFAULT_GATEWAY_NODE_ID, NODE_IDS
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.gateway.base import identity
 from pdgw.gateway.configuration.defaults import (
@@ -38,6 +39,7 @@ Boolean = Annotated[bool, Strict()]
 Simulated = Boolean | tuple[str, ...]
 """Whether a simulated device is used; a list has its habits, each as "NAME PARAMETER=VALUE ..."."""
 Port = Annotated[Integer, Field(ge=0, le=65535)]
+NodeId = Annotated[Integer, Field(ge=NODE_IDS[0], le=NODE_IDS[-1])]
 DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
 
 
@@ -70,7 +72,7 @@ class DriveObjectSection(Section):
     do_id: Annotated[Integer, Field(ge=1, le=254)]
     name: DisplayName | None = None
     """Shown beside the number."""
-    node_id: Annotated[Integer, Field(ge=1, le=126)]
+    node_id: NodeId
     telegram: Integer
     can: str | None = None
     """Name of its bus; None: the first."""
@@ -88,6 +90,8 @@ class CanConfig(BaseModel):
     channel: Annotated[str, Strict()] | Integer | None = None
     bitrate: Annotated[Integer, Field(ge=10_000, le=1_000_000)] | None = None
     name: str = "can"
+    node_id: NodeId = DEFAULT_GATEWAY_NODE_ID
+    """Node-ID of the gateway, which no other device of the bus may have."""
 
     @model_validator(mode="after")
     def _further_keys_are_meant(self) -> CanConfig:

@@ -23,7 +23,6 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SYNC
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.gateway.base.errors import GatewayError
@@ -31,7 +30,7 @@ from pdgw.gateway.base.platform import Platform, SystemPlatform
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.base.store import DeviceParameters, ParameterStore
 from pdgw.gateway.configuration.axis_config import AxisConfig
-from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
+from pdgw.gateway.configuration.bus_load import HEARTBEATS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.daemon.masters import LISTEN_NS, watch_for_masters, watch_for_writes
@@ -110,7 +109,7 @@ class Daemon:
                 opened.callback(self.loop.close)
             open_link = self._prepare_link(opened, ethernet)
             for bus in config.can:
-                network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name)
+                network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name, bus.node_id)
                 opened.callback(network.close)
                 network.log_event = partial(self.events.add, "bus", None)
                 self.networks[bus.name] = network
@@ -168,8 +167,7 @@ class Daemon:
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""
-        config, network = self._selected(), self.networks[bus.name]
-        frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), config.transport.cycle_time_ms)
+        frames, network = self._selected().frames_of(bus), self.networks[bus.name]
         bitrate = bus.bitrate or DEFAULT_BITRATE
         answer_ms = min(
             (client.settings.sdo_timeout_ms for client in self.clients if client.network is network), default=1
@@ -366,10 +364,10 @@ class Daemon:
         )
         for text in self.replaced_telegrams:
             log.warning("%s", text)
-        for name, network in self.networks.items():
+        for network in self.networks.values():
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]
-            watch_for_masters(self.networks[name], GATEWAY_NODE_ID, drives, self._on_other_master)
+            watch_for_masters(network, drives, self._on_other_master)
         for item in self.objects:
             watch_for_writes(item.network, item.node_id, partial(relies_on, item), item.client.distrust)
         self._beat = self.loop.call_later(LISTEN_NS, self._begin)
@@ -476,7 +474,7 @@ class Daemon:
         withheld = [axis.network for axis in self.axes if axis.withholds_heartbeat]
         for network in self.networks.values():
             if network not in withheld:
-                network.send_heartbeat(GATEWAY_NODE_ID)
+                network.send_heartbeat()
         for client in self.clients:
             if client.network not in withheld:
                 client.heartbeat.request()

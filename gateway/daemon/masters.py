@@ -28,9 +28,7 @@ _SUBINDEX = 3
 """Place of the sub-index, after the index."""
 
 
-def watch_for_masters(
-    network: CanNetwork, gateway_node_id: int, drives: Iterable[int], on_found: Callable[[str], None]
-) -> None:
+def watch_for_masters(network: CanNetwork, drives: Iterable[int], on_found: Callable[[str], None]) -> None:
     """Call ``on_found`` with one line for every frame on ``network`` that only a master sends.
 
     ``drives``: the node-IDs of our drives. A drive that is online adds the RPDOs that it has in use.
@@ -44,8 +42,8 @@ def watch_for_masters(
 
     network.on_other_sender = found
     network.claim(
-        ERROR_CONTROL + gateway_node_id,
-        f"the heartbeat of node {gateway_node_id}, which is the node-ID of this gateway",
+        ERROR_CONTROL + network.node_id,
+        f"the heartbeat of node {network.node_id}, which is the node-ID of this gateway",
     )
     for node_id in drives:
         for number, cob_id in enumerate(PdoDirection.RPDO.predefined(node_id), 1):

@@ -14,7 +14,6 @@ from functools import partial
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp406.objects import (
     ALARMS,
@@ -419,7 +418,7 @@ class DeviceObject(BoundObject):
         address = config.transport.listen.packed
         self._axes = axes
         if len(axes) != 1:
-            self.bind(Pnu.NODE_ADDRESS, lambda: GATEWAY_NODE_ID)
+            self.bind(Pnu.NODE_ADDRESS, lambda: config.can[0].node_id)
             self.bind(Pnu.DEVICE_NAME, identity.ORDER_ID.encode)
         self.bind(Pnu.DRIVE_UNIT, lambda: (*_unit(daemon), len(axes)))
         self.bind(Pnu.PROFILE, lambda: PROFILE_IDENTIFICATION)

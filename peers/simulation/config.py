@@ -17,12 +17,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pdgw.base.validation import misplaced, problems
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.port import CanPort
+from pdgw.ds301.communication import NODE_IDS
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.axis_config import AxisConfig, as_list
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
-from pdgw.gateway.configuration.environment import CanConfig, Integer, Port
+from pdgw.gateway.configuration.environment import CanConfig, Integer, NodeId, Port
 from pdgw.gateway.configuration.toml_file import parse_toml, read_text, toml_text
 from pdgw.peers.drive import ENGEL, SHAPES
 from pdgw.peers.drive.model.latency import LATENCY_MAX_MS
@@ -68,7 +69,7 @@ class DeviceConfig(_Section):
     """One device."""
 
     type: str = "drive"
-    node_id: Annotated[Integer, Field(ge=1, le=126)]
+    node_id: NodeId
     serial_number: Annotated[Integer, Field(ge=0, le=0xFFFF_FFFF)] | None = None
     """1018h/4; default: the node-ID."""
     axis: Literal["rotary", "linear"] | None = None
@@ -112,7 +113,7 @@ class DeviceConfig(_Section):
                     f"motion: {len(self.motion)} values, allowed at most {device.channels}, one for each channel"
                 )
             for text in self.motion:
-                parse_motion(text, shafts=dict.fromkeys(range(1, 127), still()))
+                parse_motion(text, shafts=dict.fromkeys(NODE_IDS, still()))
         except CanopenError as error:
             raise ValueError(str(error)) from error
         return self
@@ -277,4 +278,4 @@ def add_device(simulation: Simulation, device: DeviceConfig, bus: can.BusABC | C
 def bus_file(bus: CanConfig, devices: Sequence[DeviceConfig]) -> str:
     """The file for ``pdgw sim bus``: the devices on this bus."""
     tables = [device.model_dump(mode="json", exclude_none=True) for device in devices]
-    return toml_text({"can": bus.model_dump(exclude_none=True, exclude={"name"}), "device": tables})
+    return toml_text({"can": bus.model_dump(exclude_none=True, exclude={"name", "node_id"}), "device": tables})

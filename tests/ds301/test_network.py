@@ -357,7 +357,7 @@ def test_a_listener_sees_both_directions(bus: ScriptedBus, network: CanNetwork) 
     seen: list[tuple[int, bool]] = []
     network.listeners.append(lambda message: seen.append((message.arbitration_id, message.is_rx)))
     network.send_sync()
-    network.send_heartbeat(127)
+    network.send_heartbeat()
     bus.incoming.put(frame(PDO, b"\x01"))
     flush(bus, network)
     assert seen[:3] == [(0x80, False), (0x77F, False), (PDO, True)]

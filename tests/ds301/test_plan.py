@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.ds301.bus.load import GATEWAY
 from pdgw.ds301.node.plan import PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings, found_in_data_sheet, plan_pdos
 from pdgw.ds301.objects import CanType, Entry, ObjectAddress
@@ -48,8 +48,8 @@ def test_frames_have_the_rate_of_their_cycle_and_belong_to_their_sender(sync: bo
     """Event-driven PDOs without Controlword or Statusword are allowed 100 frames per second."""
     frames = _plan(sync=sync).frames(NODE, 500, 250, {"control", "status"})
     assert [(frame.name, frame.size, frame.cob_id, frame.sender) for frame in frames] == [
-        ("RPDO2 5", 2, 0x305, GATEWAY_NODE_ID),
-        ("RPDO1 5", 6, 0x205, GATEWAY_NODE_ID),
+        ("RPDO2 5", 2, 0x305, GATEWAY),
+        ("RPDO1 5", 6, 0x205, GATEWAY),
         ("TPDO1 5", 4, 0x185, NODE),
         ("TPDO2 5", 2, 0x285, NODE),
     ]

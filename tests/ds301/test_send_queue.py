@@ -191,7 +191,7 @@ def test_nmt_and_heartbeat_are_sent_before_setpoints_and_sync_is_not() -> None:
     axes = Axes(8, 1, places=2)
     axes.cycle(1)
     axes.network.send_sync()
-    axes.network.send_heartbeat(127)
+    axes.network.send_heartbeat()
     axes.network.send(NMT, b"\x02\x05")
     axes.loop.run_for(CYCLE)
     order = [can_id for _, can_id, _ in axes.frames]
@@ -204,7 +204,7 @@ def test_queued_frames_are_neither_lost_nor_duplicated() -> None:
     for number in range(1, 30):
         axes.network.send(SDO_REQUEST + number, bytes(8))
         axes.network.send_sync()
-        axes.network.send_heartbeat(127)
+        axes.network.send_heartbeat()
     axes.network.send(NMT, b"\x01\x05")
     axes.network.send(NMT, b"\x02\x05")
     axes.network.send(NMT, b"\x01\x05")

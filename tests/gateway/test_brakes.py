@@ -9,8 +9,7 @@ import pytest
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.communication import ERROR_CONTROL, NMT, SYNC, NmtCommand
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.ds301.communication import DEFAULT_GATEWAY_NODE_ID, ERROR_CONTROL, NMT, SYNC, NmtCommand
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.errors import GatewayError
@@ -26,7 +25,7 @@ OFF3 = 0x047F & ~0x4
 STOP = bytes((NmtCommand.STOP, 1))
 CONTROL = 0x201
 """RPDO 1 of node 1, with the Controlword."""
-HEARTBEAT = ERROR_CONTROL + GATEWAY_NODE_ID
+HEARTBEAT = ERROR_CONTROL + DEFAULT_GATEWAY_NODE_ID
 
 
 class Sent:

@@ -19,7 +19,7 @@ from pdgw.ds301.bus.load import DEFAULT_BITRATE, CyclicFrames, bus_load, frame_b
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import Command
-from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
+from pdgw.gateway.configuration.bus_load import check_cycle, latest
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.world import Member, World
 from pdgw.profidrive.parameters.codec import ParameterAddress
@@ -51,7 +51,7 @@ def test_drive_on_sync_sends_each_rpdo_once_per_turn_after_an_outage() -> None:
 
 def test_sdos_of_parameters_follow_each_other_as_fast_as_the_plan_of_the_bus_allows() -> None:
     config = configuration(axis(1))
-    frames = cyclic_frames(config.axes_of(config.can[0]), {}, config.transport.cycle_time_ms)
+    frames = config.frames_of(config.can[0])
     gap = sdo_gap_ns(bus_load(frames, DEFAULT_BITRATE), DEFAULT_BITRATE)
     requests: list[int] = []
 
@@ -70,7 +70,7 @@ def test_sdos_of_parameters_follow_each_other_as_fast_as_the_plan_of_the_bus_all
 def test_sdos_leave_room_for_the_pdos_of_the_telegram_that_p922_selects() -> None:
     can = '[can]\ninterface = "virtual"\nchannel = "world"\nbitrate = 250000\n'
     config = configuration(axis(1, telegram_number=100), can=can)
-    gap = sdo_gap_ns(bus_load(cyclic_frames(config.axis, {}, config.transport.cycle_time_ms), 250_000), 250_000)
+    gap = sdo_gap_ns(bus_load(config.frames_of(config.can[0]), 250_000), 250_000)
     requests: list[int] = []
 
     def listen(message: can.Message) -> None:
@@ -233,7 +233,7 @@ def test_no_frame_of_the_simulated_bus_is_later_than_planned(
 ) -> None:
     tables = "".join(axis(node, telegram_number=number) for node in range(1, axes + 1))
     config = configuration(tables, transport=f"cycle_time_ms = {cycle_ms}\nwatchdog_factor = 30\n")
-    planned = latest(cyclic_frames(config.axis, {}, cycle_ms), BITRATE, cycle_ms)
+    planned = latest(config.frames_of(config.can[0]), BITRATE, cycle_ms)
 
     def before(daemon: Daemon) -> None:
         world_of(daemon).gateway_port("world").places = places
@@ -259,7 +259,7 @@ def test_no_frame_of_the_simulated_bus_is_later_than_planned(
 
 def test_a_cycle_that_cannot_hold_is_refused_with_its_latest_frame() -> None:
     config = configuration("".join(map(axis, range(1, 4))), transport="cycle_time_ms = 1.0\n")
-    found = latest(cyclic_frames(config.axis, {}, 1), BITRATE, 1)
+    found = latest(config.frames_of(config.can[0]), BITRATE, 1)
     with pytest.raises(CanopenError, match=r"worst-case response time of .* frames.*at most 1 ms: raise"):
         check_cycle("can", found)
 

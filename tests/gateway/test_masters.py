@@ -6,8 +6,15 @@ import can
 import pytest
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.ds301.communication import ERROR_CONTROL, NMT, PRODUCER_HEARTBEAT, SDO_REQUEST, SYNC, NmtCommand
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.ds301.communication import (
+    DEFAULT_GATEWAY_NODE_ID,
+    ERROR_CONTROL,
+    NMT,
+    PRODUCER_HEARTBEAT,
+    SDO_REQUEST,
+    SYNC,
+    NmtCommand,
+)
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.dsp402.objects import POSITIONING_OPTION
 from pdgw.dsp402.states import State
@@ -31,7 +38,7 @@ from tests.support.gateways.daemon import (
     world_of,
 )
 
-HEARTBEAT = ERROR_CONTROL + GATEWAY_NODE_ID
+HEARTBEAT = ERROR_CONTROL + DEFAULT_GATEWAY_NODE_ID
 CHANNEL = "world"
 OPTION = POSITIONING_OPTION, 0
 DSC = 'simulate = true\nfollowing_window = 4096\ndsc = "position"'

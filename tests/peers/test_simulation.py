@@ -75,7 +75,7 @@ def test_the_example_is_valid_and_names_its_devices_and_faults() -> None:
         ("", r"\[device\]: is missing"),
         (CAN, r"\[device\]: is missing"),
         (CAN + '[[device]]\nnode_id = 1\ntype = "pump"\n', ':4: .*type = "pump" cannot be simulated, allowed: .*drive'),
-        (CAN + "[[device]]\nnode_id = 127\n", r":5: \[\[device\]\] number 1 node_id = 127"),
+        (CAN + "[[device]]\nnode_id = 128\n", r":5: \[\[device\]\] number 1 node_id = 128"),
         (CAN + "[[device]]\nnode_id = 1\nnode = 2\n", "unknown key; did you mean node_id"),
         (CAN + "[[device]]\nnode_id = 1\n" * 2, "node_id: 1 is used twice"),
         (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow"\n', ":4: .*fault: 'slow' .* slow-sdo"),

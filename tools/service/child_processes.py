@@ -50,7 +50,7 @@ def device_processes(config: GatewayConfig) -> Iterator[GatewayConfig]:
         for bus, process in started:
             channel = _channel(bus, process)
             if bus.interface == _VIRTUAL:
-                reached[bus.name] = CanConfig(interface=INTERFACE, channel=channel, name=bus.name)
+                reached[bus.name] = CanConfig(interface=INTERFACE, channel=channel, name=bus.name, node_id=bus.node_id)
         yield config.model_copy(update={"can": tuple(reached.get(bus.name, bus) for bus in config.can)})
 
 

@@ -162,7 +162,7 @@ can = "left"
 @pytest.mark.parametrize(
     ("old", "new", "parts"),
     [
-        ("node_id = 3", "node_id = 300", ["x.toml:17", "node_id = 300", "126"]),
+        ("node_id = 3", "node_id = 300", ["x.toml:17", "node_id = 300", "127"]),
         ('on_plc_loss = "ramp"', 'on_plc_loss = "wait"', ["x.toml:19", "'wait'", "'ramp', 'quick-stop' or 'coast'"]),
         ("cycle_time_ms = 4", "cycle_tim_ms = 4", ["x.toml:11", "cycle_tim_ms", "did you mean cycle_time_ms"]),
         (
@@ -290,6 +290,15 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
         ),
         (BASE + ENCODER.format(1, 7), "x.toml:24: [[encoder]] number 1: do_id: 1 is used twice"),
         (BASE + ENCODER.format(2, 3), "x.toml:25: [[encoder]] number 1: node_id on bus can: 3 is used twice"),
+        (
+            BASE.replace("node_id = 3", "node_id = 127"),
+            "x.toml:17: [[axis]] number 1: node_id = 127 is that of the gateway on bus can; set another [can] node_id",
+        ),
+        (
+            BASE.replace("[can]", "[can]\nnode_id = 7") + ENCODER.format(2, 7),
+            "x.toml:26: [[encoder]] number 1: node_id = 7 is that of the gateway on bus can; set another [can] node_id",
+        ),
+        (BASE.replace("[can]", "[can]\nnode_id = 128"), "x.toml:2: [[can]] number 1 node_id = 128: allowed: 1 to 127"),
         (BASE.replace("simulate = true", 'can = "b"'), 'x.toml:22: [[axis]] number 1: can = "b" is not the name of'),
         (BASE.split("[[axis]]", maxsplit=1)[0], "x.toml: [[axis]] or [[encoder]]: at least one is needed"),
     ],
@@ -325,8 +334,8 @@ def test_a_table_that_occurs_twice_is_rejected_with_the_right_syntax() -> None:
 
 def test_the_error_names_the_range_of_a_key() -> None:
     for old, new, told in (
-        ("node_id = 3", "node_id = 0", "node_id = 0: allowed: 1 to 126"),
-        ("node_id = 3", 'node_id = "x"', "node_id = 'x': expected an integer, allowed: 1 to 126"),
+        ("node_id = 3", "node_id = 0", "node_id = 0: allowed: 1 to 127"),
+        ("node_id = 3", 'node_id = "x"', "node_id = 'x': expected an integer, allowed: 1 to 127"),
         ("bitrate = 1000000", "bitrate = 7", "bitrate = 7: allowed: 10000 to 1000000"),
         ('on_plc_loss = "ramp"', "on_plc_loss = 1", "on_plc_loss = 1: allowed: 'ramp', 'quick-stop' or 'coast'"),
     ):

@@ -9,8 +9,7 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from pdgw.base.durations import MS
-from pdgw.ds301.communication import ERROR_CONTROL, NMT, NmtCommand, NmtState
-from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.ds301.communication import DEFAULT_GATEWAY_NODE_ID, ERROR_CONTROL, NMT, NmtCommand, NmtState
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.peers.world import Conditions
 from tests.conformance.fault_cases import DRIVE_CASES
@@ -105,7 +104,7 @@ def _second_plc(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
 
 def _other_master(soak_run: SoakRun, _: SoakAxis, __: Random) -> None:
     """A second gateway sends its heartbeat once."""
-    _send(soak_run, ERROR_CONTROL + GATEWAY_NODE_ID, bytes([NmtState.OPERATIONAL]))
+    _send(soak_run, ERROR_CONTROL + DEFAULT_GATEWAY_NODE_ID, bytes([NmtState.OPERATIONAL]))
 
 
 def _foreign_nmt(soak_run: SoakRun, axis: SoakAxis, chance: Random) -> None:

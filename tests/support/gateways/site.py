@@ -32,7 +32,7 @@ def guarded_network() -> Iterator[CanNetwork]:
     network.start()
 
     def beat() -> None:
-        network.send_heartbeat(127)
+        network.send_heartbeat()
         world.loop.call_later(_BEAT_NS, beat)
 
     beat()

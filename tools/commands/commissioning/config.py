@@ -111,10 +111,10 @@ def _print_bus_load(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, P
     ``plans``: PDOs of the drives that answered.
     """
     from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
-    from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
+    from pdgw.gateway.configuration.bus_load import check_cycle, latest
 
     cycle_ms, bitrate = config.transport.cycle_time_ms, bus.bitrate or DEFAULT_BITRATE
-    frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), cycle_ms, plans)
+    frames = config.frames_of(bus, plans)
     load = check_load(bus.name, frames, bitrate)
     asked = " with these PDOs" if plans else ""
     typer.echo(f"bus {bus.name}: worst-case load {load:.0%} of {bitrate} bit/s{asked}; longest delay of each frame:")

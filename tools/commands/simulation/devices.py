@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pdgw.ds301.communication import NODE_IDS
 from pdgw.dsp406.kinds import DEVICES, ROTARY
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.peers.option_values import BUS_PORT, CONSOLE_COMMANDS, ENGEL, MOTIONS, SHAPES
@@ -39,7 +40,7 @@ def drive(
     channel: Channel = "pdgw",
     bitrate: BitRate = None,
     node_id: Annotated[
-        list[int] | None, typer.Option(min=1, max=126, help="Node-ID; repeat for several drives.")
+        list[int] | None, typer.Option(min=NODE_IDS[0], max=NODE_IDS[-1], help="Node-ID; repeat for several drives.")
     ] = None,
     like: Annotated[str, typer.Option(help=f"Shape of the drive: {', '.join(SHAPES)}.")] = ENGEL,
     axis: Annotated[
@@ -60,7 +61,7 @@ def encoder(
     channel: Channel = "pdgw",
     bitrate: BitRate = None,
     node_id: Annotated[
-        list[int] | None, typer.Option(min=1, max=126, help="Node-ID; repeat for several encoders.")
+        list[int] | None, typer.Option(min=NODE_IDS[0], max=NODE_IDS[-1], help="Node-ID; repeat for several encoders.")
     ] = None,
     model: Annotated[str, typer.Option(help=f"One of {', '.join(DEVICES)}.")] = ROTARY.name,
     channels: Annotated[

@@ -9,7 +9,6 @@ from collections import Counter
 
 from pdgw.base.durations import MS_PER_SECOND
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, frame_bits
-from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.service.status_client import fetch, fetch_events, fetch_explanation, fetch_faults
 from pdgw.tools.web.status.events import EventLog
@@ -37,7 +36,7 @@ class BusLoads:
         self._bits: dict[str, float] = {}
         self.planned: dict[str, float] = {}
         for bus in config.can:
-            frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), config.transport.cycle_time_ms)
+            frames = config.frames_of(bus)
             self.planned[bus.name] = bus_load(frames, self._bitrates[bus.name])
             rate = sum(frame.per_second for frame in frames)
             bits = sum(frame_bits(frame.size, worst=False) * frame.per_second for frame in frames)
