@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
+from pdgw.ds301.communication import NODE_IDS
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp406.kinds import LINEAR_TYPES, EncoderType
 from pdgw.gateway.base.errors import GatewayError
@@ -22,9 +23,11 @@ _TRANSPORT = """\
 """
 
 
-def draft(bus: CanConfig, found: Iterable[FoundNode]) -> str:
+def draft(bus: CanConfig, found: Collection[FoundNode]) -> str:
     """The text of a configuration file. GatewayError if no node is a drive or an encoder with a telegram."""
     place = {"interface": bus.interface, "channel": bus.channel, "bitrate": bus.bitrate}
+    if free := _free_node_id(bus.node_id, found):
+        place["node_id"] = free
     parts = [_NEXT, toml_text({"can": place}), _TRANSPORT]
     number = 0
     for node in found:
@@ -47,6 +50,12 @@ def draft(bus: CanConfig, found: Iterable[FoundNode]) -> str:
     if not number:
         raise GatewayError("the scan found no drive and no encoder with a telegram; no configuration is written")
     return "\n".join(parts)
+
+
+def _free_node_id(own: int, found: Collection[FoundNode]) -> int:
+    """The highest one that no device has, for the gateway; 0 if no device has its own."""
+    used = {node.node_id for node in found}
+    return max(set(NODE_IDS) - used, default=0) if own in used else 0
 
 
 def _commented(lines: Iterable[str]) -> str:

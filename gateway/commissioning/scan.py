@@ -219,6 +219,8 @@ class Scan:
         state = self._states.get(node_id)
         if state is not None:
             found.nmt_state = NmtState.text(state)
+        if node_id == self.network.node_id:
+            found.notes.append("this is the node-ID of the gateway, too: [can] node_id must be another one")
         expected = self.expected.get(node_id)
         if node_id not in self._answered:
             heard = found.nmt_state or "not heard"

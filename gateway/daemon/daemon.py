@@ -33,7 +33,7 @@ from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.bus_load import HEARTBEATS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
-from pdgw.gateway.daemon.masters import LISTEN_NS, watch_for_masters, watch_for_writes
+from pdgw.gateway.daemon.masters import LISTEN_NS, SameNodeId, watch_for_masters, watch_for_writes
 from pdgw.gateway.daemon.sync import SyncProducer
 from pdgw.gateway.links.cyclic import IDLE_NS
 from pdgw.gateway.links.link import Link, UdpLink
@@ -114,6 +114,7 @@ class Daemon:
                 network.log_event = partial(self.events.add, "bus", None)
                 self.networks[bus.name] = network
             self._buses = tuple(self.networks.values())
+            self._same_ids = {name: self._same_id(network) for name, network in self.networks.items()}
             self.encoder_nodes: list[EncoderNode] = []
             with self._stored_telegrams_named():
                 self.axes: list[Axis] = [self._axis(item) for item in config.axis]
@@ -139,6 +140,7 @@ class Daemon:
             for index, item in enumerate(self.objects):
                 item.log_event = self.events.add
                 item.link_finding = partial(self.link.finding, index)
+                item.bus_cause = partial(self._same_ids[item.network.name].explains, item)
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // HEARTBEATS
@@ -164,6 +166,18 @@ class Daemon:
     def replaced_telegrams(self) -> list[str]:
         """One line for each stored telegram (P922) that differs from that of the configuration."""
         return self.config.replaced_telegrams(self.store.parameters.telegrams)
+
+    @property
+    def notes(self) -> list[str]:
+        """One line for each thing to correct that does not stop a drive."""
+        return [*self.replaced_telegrams, *(item.note for item in self._same_ids.values() if item.note)]
+
+    def _same_id(self, network: CanNetwork) -> SameNodeId:
+        def report(text: str) -> None:
+            log.warning("%s", text, extra={"event": "bus", "bus": network.name})
+            self.events.add("bus", None, text)
+
+        return SameNodeId(network, report)
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""
@@ -364,10 +378,10 @@ class Daemon:
         )
         for text in self.replaced_telegrams:
             log.warning("%s", text)
-        for network in self.networks.values():
+        for name, network in self.networks.items():
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]
-            watch_for_masters(network, drives, self._on_other_master)
+            watch_for_masters(network, drives, self._same_ids[name], self._on_other_master)
         for item in self.objects:
             watch_for_writes(item.network, item.node_id, partial(relies_on, item), item.client.distrust)
         self._beat = self.loop.call_later(LISTEN_NS, self._begin)

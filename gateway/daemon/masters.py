@@ -9,10 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from pdgw.base.durations import MS
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST
+from pdgw.ds301.communication import ERROR_CONTROL, HEARTBEAT_STATE, SDO_REQUEST, SDO_RESPONSE, NmtState
+from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.origins import clock
 
 LISTEN_NS = 250 * MS
 """Listening time before the first frame is sent: longer than the usual heartbeat of 100 ms."""
@@ -26,25 +31,98 @@ _NUMBER, _LAST = 0x7F, 0x80
 """The first byte of a segment of a block download: its number, and the bit of the last one."""
 _SUBINDEX = 3
 """Place of the sub-index, after the index."""
+_BOOT_UP = bytes((NmtState.BOOT_UP,))
+_BOOTED, _ANSWERED = "booted", "answered an SDO request"
+_OTHER_ID = "give the device another node-ID, or set another [can] node_id"
+_PAUSE_NS = 10 * SECOND
+"""A device that repeats the same is reported again after this time."""
+_EFFECT_NS = 500 * MS
+"""Within this time of the boot-up a drive shows that its heartbeat consumer reacts to it, with the time to read its fault."""
 
 
-def watch_for_masters(network: CanNetwork, drives: Iterable[int], on_found: Callable[[str], None]) -> None:
-    """Call ``on_found`` with one line for every frame on ``network`` that only a master sends.
+class SameNodeId:
+    """A device with the node-ID of the gateway that has booted or answered an SDO request, and sends no heartbeat.
 
-    ``drives``: the node-IDs of our drives. A drive that is online adds the RPDOs that it has in use.
+    Some makers deliver devices with node-ID 127. Without a heartbeat, such a device does not hide the loss of the gateway.
     """
 
-    def found(cob_id: int, what: str) -> None:
+    def __init__(self, network: CanNetwork, report: Callable[[str], None]) -> None:
+        """``report``: called with one line when the device is heard after a pause."""
+        self._network = network
+        self._report = report
+        self._seen: dict[str, int] = {}
+        """What the device did, and when it did so last."""
+        network.subscribe(SDO_RESPONSE + network.node_id, lambda _, now: self._note(_ANSWERED, now))
+
+    def booted(self, now: int) -> None:
+        """Its boot-up message arrived."""
+        self._note(_BOOTED, now)
+
+    def _note(self, what: str, now: int) -> None:
+        before = self._seen.get(what)
+        self._seen[what] = now
+        if before is None or now - before > _PAUSE_NS:
+            self._report(self.note)
+
+    @property
+    def who(self) -> str:
+        """The device, for a heartbeat with its node-ID."""
+        booted = self._seen.get(_BOOTED)
+        return "a device with the same node-ID" if not booted else f"the device that booted at {self._clock(booted)}"
+
+    @property
+    def note(self) -> str:
+        """What the device did last, and the remedy; empty if there is none."""
+        bus, did = self._network, " and ".join(f"{what} at {self._clock(time)}" for what, time in self._seen.items())
+        device = f"CAN bus {bus.name}: a device with node-ID {bus.node_id}, which is that of the gateway"
+        return f"{device}, {did}; {_OTHER_ID}" if did else ""
+
+    def explains(self, item: DriveObject, record: FaultRecord) -> str:
+        """That a fault may follow from the boot-up, to which a heartbeat consumer reacts; empty if it does not."""
+        booted, client = self._seen.get(_BOOTED), item.client
+        if booted is None or record.time_ns - booted > _EFFECT_NS:
+            return ""
+        if record.number == FaultNumber.NODE_LOST:
+            beats = client.heartbeat
+            follows = client.loss is None and beats.time > booted and beats.state != NmtState.OPERATIONAL
+        else:
+            follows = record.code == HEARTBEAT_ERROR or record.number == FaultNumber.LEFT_OPERATION
+        device = f"a device with the node-ID of the gateway, {self._network.node_id}"
+        what = (
+            f"follows the boot-up at {self._clock(booted)} of {device}; its heartbeat consumer (1016h) may react to it"
+        )
+        return f"{what}: {_OTHER_ID}" if follows else ""
+
+    def _clock(self, time_ns: int) -> str:
+        return clock(time_ns, self._network.loop)
+
+
+def watch_for_masters(
+    network: CanNetwork, drives: Iterable[int], same: SameNodeId, on_found: Callable[[str], None]
+) -> None:
+    """Call ``on_found`` with one line for every frame on ``network`` that only a master sends.
+
+    ``drives``: the node-IDs of our drives. A drive that is online adds the RPDOs that it has in use. ``same`` takes the boot-up
+    messages with the node-ID of the gateway, which has none.
+    """
+
+    def found(cob_id: int, what: str, who: str = "another master", remedy: str = "") -> None:
         on_found(
-            f"CAN bus {network.name}: another master sends {what} (COB-ID {cob_id:03X}h); allowed: one "
-            "gateway per bus. End the other one, or disable receive_own_messages of the interface"
+            f"CAN bus {network.name}: {who} sends {what} (COB-ID {cob_id:03X}h); allowed: one "
+            f"gateway per bus. End the other one, {remedy}or disable receive_own_messages of the interface"
         )
 
+    def beats(data: bytes, now: int) -> None:
+        if data[:1] == _BOOT_UP:
+            same.booted(now)
+            return
+        state = NmtState.text(data[0] & HEARTBEAT_STATE) if data else "empty"
+        what = f"the heartbeat of node {network.node_id} ({state}), which is the node-ID of this gateway"
+        found(own, what, f"another gateway, or {same.who},", f"{_OTHER_ID}, ")
+
     network.on_other_sender = found
-    network.claim(
-        ERROR_CONTROL + network.node_id,
-        f"the heartbeat of node {network.node_id}, which is the node-ID of this gateway",
-    )
+    own = ERROR_CONTROL + network.node_id
+    network.subscribe_pdo(own, beats)
     for node_id in drives:
         for number, cob_id in enumerate(PdoDirection.RPDO.predefined(node_id), 1):
             network.claim(cob_id, f"RPDO{number} of drive {node_id}")

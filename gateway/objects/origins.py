@@ -61,11 +61,11 @@ class Origin:
     def of(cls, record: FaultRecord, by: By | None = None) -> Origin:
         """That of a fault; its text may end with a remedy."""
         fault, time = GATEWAY_FAULTS.get(record.number), record.time_ns
-        if fault is None:
-            return cls(By.DRIVE, record.text, time, emcy_remedy(record.code), record.number, time, 1)
         evidence, remedy = record.text, ""
-        if fault.by is not By.PLC:
+        if fault is None or fault.by is not By.PLC:
             evidence, _, remedy = evidence.partition("; ")
+        if fault is None:
+            return cls(By.DRIVE, evidence, time, remedy or emcy_remedy(record.code), record.number, time, 1)
         return cls(by or fault.by, evidence, time, remedy or fault.remedy, record.number, time, 1)
 
 

@@ -273,7 +273,7 @@ def _head(daemon: RunningGateway) -> dict[str, Any]:
         "file": daemon.file[0] if daemon.file else "",
         "file_modified": daemon.file[1] if daemon.file else None,
         "store": str(daemon.store.path) if daemon.store.path is not None else "",
-        "notes": daemon.replaced_telegrams,
+        "notes": daemon.notes,
         "trace": str(daemon.recorder.path) if daemon.recorder is not None else "",
         "buses": [
             {

@@ -2,17 +2,41 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
 
-from pdgw.base.durations import SECOND
-from pdgw.ds301.communication import CONSUMER_HEARTBEAT, DEFAULT_GATEWAY_NODE_ID, ERROR_CONTROL
+from pdgw.base.durations import MS, SECOND
+from pdgw.ds301.communication import (
+    CONSUMER_HEARTBEAT,
+    DEFAULT_GATEWAY_NODE_ID,
+    ERROR_CONTROL,
+    SDO_RESPONSE,
+    NmtCommand,
+    NmtState,
+)
+from pdgw.ds301.emcy import HEARTBEAT_ERROR
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.daemon.masters import LISTEN_NS
+from pdgw.gateway.service.status import snapshot
+from pdgw.peers.world.can_bus import Member
+from pdgw.tools.output.status_text import status_lines
 from pdgw.tools.service import child_processes
-from tests.support.gateways.daemon import axis, configuration, drive_of, online, operating, running, serving, world_of
+from tests.support.gateways.daemon import (
+    axis,
+    configuration,
+    drive_of,
+    exchanging,
+    online,
+    operating,
+    running,
+    serving,
+    world_of,
+)
 from tests.support.gateways.parameters import number
 
 HEARTBEAT = ERROR_CONTROL + DEFAULT_GATEWAY_NODE_ID
@@ -103,3 +127,140 @@ def test_bus_of_simulated_device_processes_has_the_node_id_of_the_gateway(monkey
     config = configuration(axis(1), can=f"{BUS}node_id = 9\n")
     with child_processes.device_processes(config) as reached:
         assert (reached.can[0].channel, reached.can[0].node_id) == ("served", 9)
+
+
+# -- a device with the node-ID of the gateway ---------------------------------------------------------------------------------
+
+BOOTED = "CAN bus can: a device with node-ID 127, which is that of the gateway, booted at "
+CAUSE = r"follows the boot-up at [\d:]+ of a device with the node-ID of the gateway, 127"
+OTHER_ID = "give the device another node-ID, or set another [can] node_id"
+
+
+def _new_device(daemon: Daemon) -> Member:
+    return world_of(daemon).bus("world").join("a new device")
+
+
+@pytest.mark.parametrize(
+    ("cob_id", "data", "did"),
+    [(HEARTBEAT, b"\0", "booted"), (SDO_RESPONSE + 127, b"\x43\0\x10\0\x92\x01\2\0", "answered an SDO request")],
+    ids=["boot-up", "SDO answer"],
+)
+def test_device_with_the_node_id_of_the_gateway_is_named_and_stops_nothing(
+    cob_id: int, data: bytes, did: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    with operating() as (daemon, plc):
+        plc.turn(0x2000)
+        _new_device(daemon).send(cob_id, data)
+        plc.exchange(100)
+        assert (daemon.failure, plc.state(), plc.value("NIST_A")) == (None, 0x07, 0x2000)
+        assert not daemon.axes[0].faults
+        text = f"CAN bus can: a device with node-ID 127, which is that of the gateway, {did} at "
+        (note,) = snapshot(daemon)["notes"]
+        assert note.startswith(text)
+        assert note.endswith(OTHER_ID)
+        assert f"  -> {note}" in list(status_lines(snapshot(daemon), 400))
+        assert note in caplog.text
+        assert note in [event.text for event in daemon.events.after(0)]
+
+
+def test_device_that_boots_before_the_start_of_the_gateway_does_not_prevent_it() -> None:
+    def before(daemon: Daemon) -> None:
+        device = _new_device(daemon)
+        daemon.loop.call_later(LISTEN_NS - MS, lambda: device.send(HEARTBEAT, b"\0"))
+
+    with running(configuration(axis(1)), before) as daemon:
+        online(daemon)
+        assert daemon.notes[0].startswith(BOOTED)
+
+
+def test_repeated_boot_up_is_one_line_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    with operating() as (daemon, plc):
+        device = _new_device(daemon)
+        for _ in range(10):
+            device.send(HEARTBEAT, b"\0")
+            plc.exchange(50)
+        assert caplog.text.count(BOOTED) == 1
+        assert len(daemon.notes) == 1
+
+
+@pytest.mark.parametrize("state", [NmtState.STOPPED, NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL])
+@pytest.mark.parametrize("boots", [True, False])
+def test_heartbeat_with_the_node_id_of_the_gateway_stops_the_drives(state: NmtState, boots: bool) -> None:
+    with operating() as (daemon, plc), exchanging(plc):
+        plc.turn(0x2000)
+        device = _new_device(daemon)
+        if boots:
+            device.send(HEARTBEAT, b"\0")
+            plc.exchange(100)
+        device.send(HEARTBEAT, bytes((state,)))
+        world_of(daemon).loop.until(daemon.stopped.is_set, "the end of the gateway", 10 * SECOND)
+        assert drive_of(daemon).model.velocity_actual == 0
+        text = str(daemon.failure)
+        who = "the device that booted at " if boots else "a device with the same node-ID,"
+        assert text.startswith(f"CAN bus can: another gateway, or {who}")
+        assert f"sends the heartbeat of node 127 ({NmtState.text(state)})" in text
+        assert OTHER_ID in text
+        assert daemon.axes[0].faults[-1].number == FaultNumber.OTHER_MASTER
+
+
+def _reacting(daemon: Daemon) -> None:
+    """The heartbeat consumer of the drive reacts to a boot-up of the node that it monitors."""
+    drive_of(daemon).do(lambda node: node.on_consumer_expired(127))
+
+
+def test_drive_whose_heartbeat_consumer_reacts_to_the_boot_up_is_named_with_its_cause() -> None:
+    with operating() as (daemon, plc):
+        plc.turn(0x2000)
+        _new_device(daemon).send(HEARTBEAT, b"\0")
+        _reacting(daemon)
+        plc.exchange(100)
+        status = daemon.axes[0].enable_status
+        assert re.search(
+            rf": {CAUSE}, since [\d:]+\. Its heartbeat .*: {re.escape(OTHER_ID)}; then OFF", status.sentence
+        )
+        (emergency,) = [fault for fault in daemon.axes[0].faults if fault.code == HEARTBEAT_ERROR]
+        assert re.match(f"EMCY 8130h CANopen: {CAUSE}", emergency.text)
+
+
+def test_drive_that_leaves_operation_without_emcy_after_the_boot_up_is_named_with_its_cause() -> None:
+    with operating() as (daemon, plc):
+        plc.turn(0x2000)
+        _new_device(daemon).send(HEARTBEAT, b"\0")
+        drive_of(daemon).do(lambda node: node.model.abort_connection())
+        plc.exchange(100)
+        fault = daemon.axes[0].faults[0]
+        assert fault.number == FaultNumber.LEFT_OPERATION
+        assert re.search(CAUSE, fault.text)
+
+
+def test_drive_that_becomes_pre_operational_after_the_boot_up_is_named_with_its_cause() -> None:
+    """1029h/1 = 0: the reaction to an error of the communication."""
+    with operating() as (daemon, plc):
+        _new_device(daemon).send(HEARTBEAT, b"\0")
+        drive_of(daemon).do(lambda node: node._nmt(NmtCommand.ENTER_PRE_OPERATIONAL))
+        plc.exchange(100)
+        fault = daemon.axes[0].faults[0]
+        assert fault.number == FaultNumber.NODE_LOST
+        assert re.search(CAUSE, fault.text)
+
+
+@pytest.mark.parametrize("after_s", [0.0, 1.5])
+def test_faults_without_a_heartbeat_consumer_or_long_after_the_boot_up_are_not_its_consequence(after_s: float) -> None:
+    with operating() as (daemon, plc):
+        _new_device(daemon).send(HEARTBEAT, b"\0")
+        plc.exchange(int(after_s * SECOND) // daemon.cycle_ns)
+        if after_s:
+            _reacting(daemon)
+        else:
+            drive_of(daemon).do(lambda node: node.start_fault("drive-fault"))
+        plc.exchange(100)
+        assert daemon.axes[0].faults
+        assert not [fault for fault in daemon.axes[0].faults if "boot-up" in fault.text]
+
+
+def test_lost_drive_after_the_boot_up_is_not_its_consequence() -> None:
+    with operating() as (daemon, plc):
+        _new_device(daemon).send(HEARTBEAT, b"\0")
+        drive_of(daemon).do(lambda node: node.power_off())
+        plc.until(lambda: daemon.axes[0].faults, "a fault")
+        assert "boot-up" not in daemon.axes[0].faults[0].text

@@ -82,7 +82,7 @@ def test_a_master_that_comes_later_ends_the_gateway_after_its_drives_are_stopped
     assert model.state in {State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON}
     assert model.velocity_actual == 0
     assert daemon.failure is not None
-    assert "another master sends the heartbeat of node 127" in str(daemon.failure)
+    assert "sends the heartbeat of node 127 (Operational), which is the node-ID of this gateway" in str(daemon.failure)
 
 
 def test_a_second_producer_of_sync_ends_the_gateway_after_its_drives_are_stopped() -> None:

@@ -13,6 +13,7 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     CONSUMER_HEARTBEAT,
+    DEFAULT_GATEWAY_NODE_ID,
     ERROR_CONTROL,
     NMT,
     PRODUCER_HEARTBEAT,
@@ -49,11 +50,10 @@ _ABORT = 0x80
 class Site:
     """A bus in a world of its own, and everything the scan sent on it."""
 
-    def __init__(self) -> None:
+    def __init__(self, node_id: int = DEFAULT_GATEWAY_NODE_ID) -> None:
         self.world = World()
-        self.network = CanNetwork(
-            self.world.loop, lambda: self.world.open_can(CanConfig(interface="virtual", channel=BUS))
-        )
+        config = CanConfig(interface="virtual", channel=BUS, node_id=node_id)
+        self.network = CanNetwork(self.world.loop, lambda: self.world.open_can(config), node_id=node_id)
         self.network.start()
         self.sent: list[can.Message] = []
         self.network.listeners.append(lambda message: None if message.is_rx else self.sent.append(message))
@@ -213,6 +213,16 @@ def test_a_bus_with_a_master_is_not_disturbed(site: Site, can_id: int, data: byt
     assert site.sent == []
 
 
+def test_only_the_heartbeat_with_the_configured_node_id_is_that_of_a_gateway() -> None:
+    site = Site(node_id=4)
+    other = site.world.bus(BUS).join("other")
+    site.world.loop.call_later(500 * MS, lambda: other.send(ERROR_CONTROL + 127, b"\x05"))
+    assert list(site.scan()) == [127]
+    site.world.loop.call_later(500 * MS, lambda: other.send(ERROR_CONTROL + 4, b"\x05"))
+    with pytest.raises(GatewayError, match=r"heartbeat of a gateway \(node 4\)"):
+        site.scan()
+
+
 def test_a_folder_of_data_sheets_is_read_and_a_bad_one_is_named(tmp_path: Path) -> None:
     (tmp_path / "drive.eds").write_text(EDS_PATH.read_text("latin-1"), "latin-1")
     (tmp_path / "notes.txt").write_text("none")
@@ -253,6 +263,18 @@ def test_every_simulated_drive_with_a_speed_mode_has_a_valid_configuration(site:
     site.world.drive(BUS, 7, shape=SHAPES[name])
     _, config = drafted(site)
     assert [axis.telegram for axis in config.axis] == [1]
+
+
+def test_node_with_the_node_id_of_the_gateway_is_named_and_moves_the_gateway(site: Site) -> None:
+    site.world.drive(BUS, 127)
+    text, config = drafted(site)
+    assert (config.axis[0].node_id, config.can[0].node_id) == (127, 126)
+    assert "this is the node-ID of the gateway, too: [can] node_id must be another one" in text
+    other = Site(node_id=4)
+    other.world.drive(BUS, 4)
+    other.world.drive(BUS, 127)
+    named = [node_id for node_id, node in other.scan().items() if "[can] node_id" in str(node.notes)]
+    assert named == [4]
 
 
 def test_keys_of_unknown_units_are_comments(site: Site) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pdgw.base.durations import MS
-from pdgw.ds301.communication import EMCY, NMT, NmtCommand, NmtState
+from pdgw.ds301.communication import DEFAULT_GATEWAY_NODE_ID, EMCY, ERROR_CONTROL, NMT, NmtCommand, NmtState
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.base.reasons import Enable
 from pdgw.gateway.daemon.daemon import Daemon
@@ -126,6 +126,12 @@ def leave_operational(_: Plc, daemon: Daemon) -> None:
 def command(command: NmtCommand) -> Step:
     """Another master on the bus sends an NMT command."""
     return lambda _, daemon: world_of(daemon).bus("world").join("another master").send(NMT, bytes((command, 1)))
+
+
+def boot_same_node_id(_: Plc, daemon: Daemon) -> None:
+    """A device boots whose heartbeat the drive monitors: that of the gateway."""
+    world_of(daemon).bus("world").join("a new device").send(ERROR_CONTROL + DEFAULT_GATEWAY_NODE_ID, b"\0")
+    drive_of(daemon).do(lambda node: node.on_consumer_expired(DEFAULT_GATEWAY_NODE_ID))
 
 
 def time_passes(plc: Plc, _: Daemon) -> None:
@@ -357,6 +363,18 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
             "Check plug, cable and supply",
         ),
         lacks=("silent", "send an OFF first"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "a device with the node-ID of the gateway boots, and the heartbeat consumer of the drive reacts": Situation(
+        begin=both(_TURN, boot_same_node_id, time_passes),
+        says=(
+            "Waits: ON ignored: drive acts without a command: left operation",
+            "follows the boot-up at ",
+            "of a device with the node-ID of the gateway, 127",
+            "give the device another node-ID, or set another [can] node_id",
+        ),
+        lacks=("safe torque off",),
         health=Health.WARNING,
         cure=_AGAIN,
     ),
