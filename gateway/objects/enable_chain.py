@@ -194,7 +194,9 @@ class _Chain:
         if connected and in_operation:
             finding = None  # repeated losses, which are over
         if self.item.gateway_stops:
-            self.breaks(Reason.GATEWAY_STOPS)
+            record = self.newest(FaultNumber.OTHER_MASTER)
+            origin = None if record is None else Origin.of(record)
+            self.breaks(Reason.GATEWAY_STOPS, *((origin.evidence, origin.remedy) if origin else ()))
         elif finding is not None:
             self.breaks(*finding)
         elif connected:

@@ -201,6 +201,10 @@ def test_heartbeat_with_the_node_id_of_the_gateway_stops_the_drives(state: NmtSt
         assert f"sends the heartbeat of node 127 ({NmtState.text(state)})" in text
         assert OTHER_ID in text
         assert daemon.axes[0].faults[-1].number == FaultNumber.OTHER_MASTER
+        status = daemon.axes[0].enable_status
+        assert status.broken is not None
+        assert f"sends the heartbeat of node 127 ({NmtState.text(state)})" in status.broken.evidence
+        assert OTHER_ID in status.broken.remedy
 
 
 def _reacting(daemon: Daemon) -> None:
