@@ -42,6 +42,7 @@ from pdgw.profidrive.telegrams import telegram
 
 _FAULT = signal("ZSW2_ENC").bit("FAULT").mask
 _WARNING = signal("ZSW2_ENC").bit("WARNING").mask
+_DEVIATES = warning_bits(FaultNumber.VELOCITY_DEVIATES)
 _SENSOR_REASONS = {
     SensorState.ERROR: Reason.SENSOR_ERROR,
     SensorState.ACKNOWLEDGING: Reason.SENSOR_ERROR,
@@ -170,14 +171,16 @@ class EncoderMachine:
         if not ok or not self.usable or inputs.unacknowledged:
             status |= _FAULT
         self._report_preset()
+        speed = self._step_speed(ok, cause) if self._speed is not None else 0
         if not self.in_error:
             outputs.warned = 0
         outputs.warning = outputs.warned | self._node.warning
+        if channel.check.deviates:
+            outputs.warning |= _DEVIATES
         if ok and source.warnings:
             outputs.warning |= DEVICE_WARNING
         if outputs.warning:
             status |= _WARNING
-        speed = self._normalised(channel.speed(source, ok, now)) if self._speed is not None else 0
         adapter.write(status, values, channel.sensor.xist3, speed, outputs.actuals)
         if channel.preset_write is not self._preset:
             write = self._preset = channel.preset_write
@@ -240,6 +243,16 @@ class EncoderMachine:
             self.outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, self.inputs.now))
         self._sign_of_life_failed = failed
         return SensorError.CONTROLLER_SIGN_OF_LIFE if failed else None
+
+    def _step_speed(self, ok: bool, faulty: bool) -> int:
+        """The speed for the PLC, compared with the position."""
+        channel, inputs = self.channel, self.inputs
+        speed = channel.speed(inputs.source, ok, inputs.now)
+        if faulty:
+            channel.check.restart()  # the position may be wrong
+        elif channel.contradiction:
+            self.outputs.fault(gateway_fault(FaultNumber.VELOCITY_DEVIATES, channel.contradiction, inputs.now))
+        return self._normalised(speed)
 
     def _normalised(self, speed: int) -> int:
         conversion = self._speed

@@ -450,10 +450,11 @@ def _missing_acknowledge(bit: str, no_control: str, level: int, in_vain: bool) -
 
 
 def device_warning(item: DriveObject) -> str:
-    """The newest active warning that the device itself reports; empty without one."""
+    """The newest active warning that the device itself reports, or of its speed; empty without one."""
     for reported in item.fault_log.reported(present=item.outputs.warning):
         record = reported.record
-        if reported.active and record.is_warning and record.of_device:
+        of_device = record.of_device or record.number == FaultNumber.VELOCITY_DEVIATES
+        if reported.active and record.is_warning and of_device:
             return f"warning {record.number}: {record.text}"
     if not item.outputs.warning & DEVICE_WARNING:
         return ""

@@ -74,8 +74,9 @@ ENCODER_HABITS: Final = {**NODE_HABITS, **catalogue("encoder", (*NODE_BEHAVIOURS
 
 
 ObjectReader = Callable[[int, int], int]
-SPEED_WINDOW = 10 * MS
-"""Nanoseconds over which the speed is measured."""
+_NOISE_NS = 10 * MS
+"""Time for which a position has the same error."""
+_PERCENT = 100
 _TENTH_OF_AN_HOUR = 360 * SECOND
 _STEP_NS = MS
 """Interval of reading a sensor that may move."""
@@ -98,13 +99,13 @@ class _Channel:
     offset: int = 0
     active_cams: int = 0
 
-    def move(self, time: int) -> None:
-        """Read position and speed at a time."""
+    def move(self, time: int, gate: int) -> None:
+        """Read position and speed at a time. ``gate``: nanoseconds over which the speed is measured."""
         self.mechanical = self.motion(time - self.since)
         if self.speed_from is None:
             self.speed_from = (time, self.mechanical)
         begin, position = self.speed_from
-        if time - begin >= SPEED_WINDOW:
+        if time - begin >= gate:
             self.speed = (self.mechanical - position) * SECOND / (time - begin)
             self.speed_from = (time, self.mechanical)
             self.at_standstill = self.speed == 0
@@ -137,8 +138,10 @@ class EncoderModel:
         self._hours = operating_time
         self.noise = 0
         """Largest difference of a position from that of the shaft, at random, in steps."""
-        self.speed_per_rpm: int | None = None
-        """6030h of one rpm; None: as the profile says, in steps per second."""
+        self.gate_ms = 10
+        """Time over which the speed is measured."""
+        self.speed_percent = _PERCENT
+        """Share of the speed that 6030h shows."""
         self._power_on = -1
         self._time = 0
         self.reset()
@@ -250,10 +253,10 @@ class EncoderModel:
         self._time = now - self._power_on
         low, high = self.read(objects.MODULE_IDENTIFICATION, 2), self.read(objects.MODULE_IDENTIFICATION, 3)
         for channel in self.channels.values():
-            channel.move(self._time)
+            channel.move(self._time, self.gate_ms * MS)
             physical = math.floor(channel.mechanical * self.device.steps_per_unit)
             if self.noise:
-                physical += Random(now // SPEED_WINDOW).randint(-self.noise, self.noise)
+                physical += Random(now // _NOISE_NS).randint(-self.noise, self.noise)
             if self.device.is_linear:
                 # Outside the scale, the head keeps its last step.
                 channel.out_of_range = not low <= physical <= high
@@ -298,12 +301,12 @@ class EncoderModel:
         self.operating_time = objects.UNUSED if self._hours is None else self._hours + self._time // _TENTH_OF_AN_HOUR
 
     def _speed(self, channel: _Channel, present: Chain) -> int:
-        if self.speed_per_rpm is not None:
-            return speed_value(channel.speed * SECONDS_PER_MINUTE * self.speed_per_rpm)
         if self.device.is_linear:
             steps = channel.speed * 100 / self.read(objects.MEASURING_STEPS, 2)
-            return speed_value(-steps if present.counterclockwise else steps)
-        return speed_value(present.speed(channel.speed * self.device.steps_per_unit))
+            speed = -steps if present.counterclockwise else steps
+        else:
+            speed = present.speed(channel.speed * self.device.steps_per_unit)
+        return speed_value(speed * self.speed_percent / _PERCENT)
 
     def _cams(self, number: int, channel: _Channel, position: int, total_range: int) -> int:
         enable: int = getattr(self, f"cam_enable_{number}")

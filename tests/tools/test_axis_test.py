@@ -369,7 +369,7 @@ def test_another_master_ends_the_axis_test(turning: bool) -> None:
         site.when_turning(beat)
     else:
         beat()
-    with pytest.raises(GatewayError, match="another master"):
+    with pytest.raises(GatewayError, match="another gateway"):
         site.run()
     assert (State.OPERATION_ENABLED in site.states) == turning
     assert site.at_standstill_without_power()

@@ -18,6 +18,7 @@ from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
 from pdgw.gateway.axis.demand_report import Demand
+from pdgw.gateway.axis.supervision.encoder_speed import EncoderSpeedCheck
 from pdgw.gateway.axis.values import EncoderInput, Inputs, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
@@ -119,12 +120,17 @@ class SensorChannel:
         self._references: EncoderReferences | None = None
         self._request: PresetRequest | None = None
         self._speed = SpeedFromPosition()
+        self.check = EncoderSpeedCheck()
+        self.contradiction = ""
+        """What the check has found in this step."""
 
     def set_references(self, references: EncoderReferences | None) -> None:
         """Set range and speed unit; None: no position is valid. ProfidriveError for an impossible range."""
         self._references = None
         self._speed.reset()
         if references is not None:
+            unit, full = float(references.speed_unit), float(references.speed_reference)
+            self.check.set_scaling(unit, full, references.total_range)
             self.sensor.set_total_range(references.total_range)
             self.sensor.preset_supported = references.preset_supported
             self.sensor.settle_ns = PRESET_EFFECT_NS + references.position_age_ns
@@ -156,13 +162,18 @@ class SensorChannel:
     def speed(self, feedback: EncoderInput, ok: bool, now: int) -> int:
         """Measuring units per second: the device's own where it has one that is not at its limit; 0 when not valid."""
         references = self._references
+        self.contradiction = ""
         if references is None or not ok or not feedback.valid:
             self._speed.reset()
+            self.check.restart()
             return 0
-        mean = self._speed.step(self.sensor.count, feedback.position_time, now)
+        time = feedback.position_time
+        mean = self._speed.step(self.sensor.count, time, now)
         own = feedback.speed
         if own is None or own in SPEED_LIMITS:
+            self.check.restart()
             return mean
+        self.contradiction = self.check.step(own, feedback.position, time, now)
         return own if references.speed_unit == 1 else round(own * references.speed_unit)
 
 

@@ -16,7 +16,7 @@ from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, Reason
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import PARKED_NS, SensorError
 from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.stepper import EncoderStepper
@@ -353,6 +353,62 @@ def test_saturated_speed_object_is_not_used(limit: int) -> None:
     assert bench.step(cycles=10)["NIST_B"] == 0
     bench.encoder.speed = limit // 2
     assert bench.step()["NIST_B"] != 0
+
+
+def turning(bench: Bench, seconds: int, shown: int, **more: int) -> dict[str, int]:
+    """Turn at 600 rpm, while the encoder reports a speed."""
+    for _ in range(seconds * 250):
+        bench.encoder = replace(bench.encoder, position=bench.encoder.position + UNITS // 25, speed=shown, **more)
+        actuals = bench.step()
+    return actuals
+
+
+RIGHT = UNITS * 10
+"""Steps a second of 600 rpm."""
+WARNING = 1 << 7
+"""Of ZSW2_ENC."""
+
+
+@pytest.mark.parametrize("number", [82, 83, 84])
+def test_speed_that_contradicts_the_position_is_warning_115_until_it_is_right(number: int) -> None:
+    bench = Bench(number)
+    assert not turning(bench, 10, RIGHT * 4 // 5)["ZSW2_ENC"] & WARNING
+    assert turning(bench, 10, 600)["ZSW2_ENC"] & WARNING
+    assert bench.stepper.machine.outputs.warning == warning_bits(FaultNumber.VELOCITY_DEVIATES)
+    (record,) = bench.stepper.events
+    assert (record.number, record.is_warning) == (FaultNumber.VELOCITY_DEVIATES, True)
+    assert "the position moves at 40750 steps/s, 6030h reports 600" in record.text
+    assert not turning(bench, 10, RIGHT)["ZSW2_ENC"] & WARNING
+    assert len(bench.stepper.events) == 1
+
+
+def test_speed_of_a_telegram_without_speed_is_not_compared() -> None:
+    bench = Bench(81)
+    turning(bench, 10, 600)
+    assert not bench.stepper.events
+
+
+@pytest.mark.parametrize(
+    "more", [{"alarms": 1}, {"error_register": 1}, {"valid": False}], ids=["alarm", "error", "no position"]
+)
+def test_speed_is_not_compared_with_a_position_that_may_be_wrong(more: dict[str, int]) -> None:
+    bench = Bench()
+    turning(bench, 10, 600, **more)
+    assert not [event for event in bench.stepper.events if event.number == FaultNumber.VELOCITY_DEVIATES]
+
+
+def test_speed_at_the_limit_of_its_object_is_not_compared() -> None:
+    bench = Bench()
+    turning(bench, 10, 32767)
+    assert not bench.stepper.events
+
+
+def test_parked_sensor_does_not_contradict_its_speed() -> None:
+    bench = Bench()
+    for _ in range(2500):
+        bench.encoder = replace(bench.encoder, position=bench.encoder.position + UNITS // 50, speed=RIGHT // 2)
+        bench.step(PARK)
+    assert not bench.stepper.events
 
 
 def test_the_speed_object_has_its_own_unit() -> None:
