@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.dsp406.encoder import EncoderClient
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters, position_of, speed_of
 from pdgw.dsp406.objects import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, PROFILE
@@ -54,6 +55,9 @@ class ChannelInput:
         self.client = client
         self._channel = channel
         self._feedback = client.feedback.channel(channel)
+        self._plan: PdoPlan | None = None
+        self._has_speed = False
+        """The encoder sends the speed with this plan."""
         self.attributes = {position_of(channel): "position", speed_of(channel): "speed"}
         """Its values in TPDOs, by the attribute of the encoder's image."""
 
@@ -67,7 +71,10 @@ class ChannelInput:
 
     @property
     def speed(self) -> int | None:
-        return self._feedback.speed if self.client.has_speed(self._channel) else None
+        plan = self.client.plan
+        if plan is not self._plan:
+            self._plan, self._has_speed = plan, self.client.has_speed(self._channel)
+        return self._feedback.speed if self._has_speed else None
 
     @property
     def alarms(self) -> int:

@@ -85,17 +85,20 @@ class SpeedFromPosition:
         """Forget the earlier positions."""
         self._samples.clear()
 
-    def step(self, count: int, time: int, now: int) -> int:
-        """Mean speed over the last 50 ms, or over the last interval if positions arrive less often.
-
-        ``count``: position across wraps; ``time``: its arrival, ``now``: monotonic nanoseconds. 0 before the second position,
-        and when the encoder must be at standstill because no position arrived.
-        """
+    def add(self, count: int, time: int) -> None:
+        """Add a position across wraps; ``time``: its arrival in monotonic nanoseconds."""
         samples = self._samples
         if not samples or time > samples[-1][0]:
             samples.append((time, count))
             while len(samples) > 2 and samples[1][0] <= time - SPEED_WINDOW_NS:
                 samples.popleft()
+
+    def mean(self, now: int) -> int:
+        """Mean speed over the last 50 ms, or over the last interval if positions arrive less often.
+
+        0 before the second position, and when the encoder must be at standstill because no position arrived.
+        """
+        samples = self._samples
         if len(samples) < 2:
             return 0
         first_time, first_count = samples[0]
@@ -120,6 +123,8 @@ class SensorChannel:
         self._references: EncoderReferences | None = None
         self._request: PresetRequest | None = None
         self._speed = SpeedFromPosition()
+        self._unit: Fraction | None = None
+        """Measuring units per second of one step of the speed, if it is not 1."""
         self.check = EncoderSpeedCheck()
         self.contradiction = ""
         """What the check has found in this step."""
@@ -129,8 +134,9 @@ class SensorChannel:
         self._references = None
         self._speed.reset()
         if references is not None:
-            unit, full = float(references.speed_unit), float(references.speed_reference)
-            self.check.set_scaling(unit, full, references.total_range)
+            unit = references.speed_unit
+            self.check.set_scaling(float(unit), float(references.speed_reference), references.total_range)
+            self._unit = None if unit == 1 else unit
             self.sensor.set_total_range(references.total_range)
             self.sensor.preset_supported = references.preset_supported
             self.sensor.settle_ns = PRESET_EFFECT_NS + references.position_age_ns
@@ -168,13 +174,13 @@ class SensorChannel:
             self.check.restart()
             return 0
         time = feedback.position_time
-        mean = self._speed.step(self.sensor.count, time, now)
+        self._speed.add(self.sensor.count, time)
         own = feedback.speed
         if own is None or own in SPEED_LIMITS:
             self.check.restart()
-            return mean
+            return self._speed.mean(now)
         self.contradiction = self.check.step(own, feedback.position, time, now)
-        return own if references.speed_unit == 1 else round(own * references.speed_unit)
+        return own if self._unit is None else round(own * self._unit)
 
 
 class DriveSensor:

@@ -455,21 +455,22 @@ def test_time_stamps_make_the_speed_right_whatever_the_jitter(speed: int, interv
     found = 0
     for cycle, late in enumerate(jitter):
         time = cycle * interval * MS + late
-        found = estimate.step(speed * time // 10**9, time, time)
+        estimate.add(speed * time // 10**9, time)
+        found = estimate.mean(time)
     span = min(50 * MS, (len(jitter) - 1) * interval * MS) - MS
     assert abs(found - speed) <= 10**9 // max(1, span) + 1
 
 
 def test_encoder_without_new_frames_shows_standstill() -> None:
     estimate = SpeedFromPosition()
-    assert estimate.step(0, 0, 0) == 0
-    assert estimate.step(10, 10 * MS, 10 * MS) == 1000
-    assert estimate.step(10, 10 * MS, 100 * MS) == 1000
-    assert estimate.step(10, 10 * MS, 111 * MS) == 0
+    estimate.add(0, 0)
+    assert estimate.mean(0) == 0
+    estimate.add(10, 10 * MS)
+    assert [estimate.mean(now * MS) for now in (10, 100, 111)] == [1000, 1000, 0]
 
 
 def test_encoder_with_rare_frames_does_not_show_standstill() -> None:
     estimate = SpeedFromPosition()
-    estimate.step(0, 0, 0)
-    estimate.step(1000, 1000 * MS, 1000 * MS)
-    assert estimate.step(1000, 1000 * MS, 3000 * MS) == 1000
+    estimate.add(0, 0)
+    estimate.add(1000, 1000 * MS)
+    assert estimate.mean(3000 * MS) == 1000
