@@ -82,11 +82,11 @@ class VelocityCheck:
 
     def is_due(self, operating: bool, velocity: int, now: int) -> bool:
         """Call in each cycle. True if ``step`` has to be called in it. ``operating``: the drive follows the PLC."""
-        compared = self._compared
         if not operating:
             if self._at >= 0:
                 self._restart()
             return False
+        compared = self._compared
         if self._at < 0:
             self._compared_at = now
         elif compared.position_ns:
