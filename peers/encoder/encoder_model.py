@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final, cast
 
-from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp406 import objects
 from pdgw.dsp406.kinds import (
     OPERATING_RESERVED,

@@ -118,9 +118,8 @@ def test_speed_in_measuring_units_per_second_follows_scaling_and_direction() -> 
 @pytest.mark.parametrize(
     ("name", "values", "speed"),
     [
-        ("speed-in-rpm", {}, 120),
-        ("speed-in-rpm", {"speed_per_rpm": 10}, 1200),
-        ("speed-frozen", {}, 0),
+        ("speed-in-another-unit", {}, 82),
+        ("speed-in-another-unit", {"speed_percent": 0}, 0),
     ],
 )
 def test_speed_of_an_encoder_outside_the_profile_has_its_own_unit(
