@@ -412,7 +412,7 @@ class DriveClient(NodeClient[DriveSettings]):
         return self.rpdos.motion_asked or (self._positions_by_sync and self._operates)
 
     def _has_work(self, now: int) -> bool:
-        if self.rpdos.written or self._mode.awaited is not None or self._may_check_tpdos(now) or self._may_correct:
+        if self.rpdos.written or self._mode.awaited is not None or self._may_check_tpdos(now) or self._left_overs.waits:
             return True
         return super()._has_work(now)
 

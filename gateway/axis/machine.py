@@ -424,7 +424,7 @@ class AxisMachine:
         words = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h"
         brake = _BRAKES[self._stop.brake]
         if self._stop.last:
-            brake = f"{brake}, Disable Voltage" if self._stop.brake else "the gateway commands Disable Voltage"
+            brake = "the gateway commands Disable Voltage"
         detail = f"{after}, {brake} ({words})"
         if order is Order.ENTER:
             shown = f"Enable Operation, Statusword {feedback.statusword:04X}h"

@@ -22,6 +22,7 @@ from tests.long.soak.__main__ import main
 from tests.long.soak.calm import (
     CALM_TELEGRAMS,
     NEEDED_OBJECTS,
+    UNFIT,
     CalmRun,
     calm_plan,
     calm_shapes,
@@ -264,7 +265,9 @@ def test_calm_parts_draw_every_healthy_shape_and_legal_habit(number: int) -> Non
     known = {habit.name for habit in legal_habits("encoder" if encoder else "drive")}
     shapes = set() if encoder else set(calm_shapes(number))
     of_all = set.intersection(*(NEEDED_OBJECTS.get(shape, set()) for shape in shapes)) if shapes else set()
-    assert {name for habits in drawn for name in habits} == known - NEEDED_OBJECTS.get(number, set()) - of_all
+    assert {name for habits in drawn for name in habits} == known - NEEDED_OBJECTS.get(number, set()) - UNFIT.get(
+        number, set()
+    ) - of_all
     assert encoder or {axis.shape for axis in axes} == shapes
     assert {plan.encoder for plan in plans} == {number if encoder else 0}
 

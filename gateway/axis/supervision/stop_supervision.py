@@ -188,13 +188,12 @@ class StopWatch:
             if now - self._braked >= self._reaction:
                 self.brake = Brake.WITHHOLD_HEARTBEAT
         elif seen:
-            if self.needs_last_stop(velocity, window, now):
-                self.brake = Brake.WITHHOLD_HEARTBEAT
-                self.last = self.late = True
-                return True
+            # Its heartbeat consumer needs a heartbeat before it can miss one: Disable Voltage has its own time.
+            self.last = self.late = self.needs_last_stop(velocity, window, now)
             self._restart()
             self.order = order
             self._nmt_tried = True
+            return self.last
         return False
 
     def needs_last_stop(self, velocity: int, window: int, now: int) -> bool:

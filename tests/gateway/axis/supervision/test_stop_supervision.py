@@ -116,11 +116,11 @@ def test_drive_above_its_line_after_nmt_stop_and_bring_up_gets_disable_voltage()
     without_reaction(bench, QUICK_STOP, 3)
     assert machine.needs_last_stop(TURNING), "also the client that finds it in pre-operational"
     machine.inputs.node_stopped = False
-    assert without_reaction(bench, QUICK_STOP, 2) is Brake.WITHHOLD_HEARTBEAT
+    assert without_reaction(bench, QUICK_STOP, 2) is Brake.NONE
     assert bench.controlword == 0
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 2
-    assert "withholds its heartbeat, Disable Voltage" in bench.stepper.events[-1].text
-    without_reaction(bench, OFF, 10)
+    assert "the gateway commands Disable Voltage" in bench.stepper.events[-1].text
+    assert without_reaction(bench, OFF, REACTION // CYCLE + 3) is Brake.WITHHOLD_HEARTBEAT
     assert bench.controlword == 0, "until the drive is off"
     bench.drive.restart()
     assert without_reaction(bench, OFF, 3) is Brake.NONE
