@@ -12,7 +12,7 @@ import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Generic, Protocol, Self, TypeVar, runtime_checkable
+from typing import Generic, Self, TypeVar
 
 import can
 
@@ -57,14 +57,6 @@ def simulation_thread() -> LoopThread:
     return LoopThread("simulation")
 
 
-@runtime_checkable
-class Controller(Protocol):
-    """A port that has the supply of its device."""
-
-    def power(self, on: bool) -> None:
-        """Switch it on or off. Without power it does not acknowledge frames."""
-
-
 N = TypeVar("N", bound=SimulatedNode)
 
 
@@ -81,8 +73,10 @@ class RunningNode(Generic[N]):
         self.loop = simulation_thread().loop if loop is None else loop
         self.port: CanPort = open_port(self.loop, bus) if isinstance(bus, can.BusABC) else bus
         self.node = make(self._send)
-        if isinstance(self.port, Controller):
-            self.port.power(False)
+        self._power: Callable[[bool], None] | None = getattr(self.port, "power", None)
+        """Switches a port that has the supply of its device: without power it does not acknowledge frames."""
+        if self._power is not None:
+            self._power(False)
         self.running = False
         """Between ``start`` and ``stop``."""
         self.lost = ""
@@ -123,8 +117,8 @@ class RunningNode(Generic[N]):
 
     def _start(self) -> None:
         self.running = True
-        if isinstance(self.port, Controller):
-            self.node.switched = self.port.power
+        if self._power is not None:
+            self.node.switched = self._power
         self.port.start(self)
         self.node.start(self.loop.now())
         self._plan()

@@ -13,7 +13,7 @@ from typing import Final
 from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
-from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.peers.drive import ROTARY_AXIS
@@ -26,7 +26,7 @@ from tests.long.soak.plan import CYCLES_MS, TRANSPARENT, AxisPlan, Part, Plan, h
 from tests.long.soak.soak_run import CHANNEL, SoakRun
 from tests.long.soak.watch import ViolationError, require
 
-CALM_TELEGRAMS: Final = (1, 3, 5, 7, 9, 100, 110, 111, 112, 81, 83)
+CALM_TELEGRAMS: Final = (*DRIVE_TELEGRAM_NUMBERS, 81, 83)
 _SHARE: Final = 0.12
 """Share of the habits that a device has."""
 _NOT_HEALTHY: Final = frozenset({"frozen", "two-edges"})

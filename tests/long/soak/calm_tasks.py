@@ -23,7 +23,7 @@ from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.encoder.motion import constant_speed, sine, still
 from pdgw.peers.plc.exchange.following import PositionLoop
 from pdgw.peers.world import WorldChannel
-from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import float_of, float_pattern
 from pdgw.profinet.rpc.client import RecordCaller
@@ -211,8 +211,17 @@ class SpeedProgram(AxisProgram):
         if "G1_STW" in self.values:
             self.tasks["absolute value"] = lambda: self.sensor(_ABSOLUTE, _ABSOLUTE)
 
+        if "MOMRED" in self.values:
+            self.tasks["reduced torque"] = self.reduced_torque
+
     def begin(self) -> None:
         self.words.set_speed(self.speed())
+
+    def reduced_torque(self) -> None:
+        """MOMRED takes up to three quarters of the torque, also for the ramp down."""
+        self.values["MOMRED"] = self.chance.randrange(N2_100_PERCENT * 3 // 4)
+        self.to_and_fro()
+        self.values["MOMRED"] = 0
 
     def follow(self, share: float) -> None:
         """The shaft turns with this speed, and the PLC sees it."""
