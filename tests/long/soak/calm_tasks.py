@@ -218,7 +218,7 @@ class SpeedProgram(AxisProgram):
         self.words.set_speed(self.speed())
 
     def reduced_torque(self) -> None:
-        """MOMRED takes up to three quarters of the torque, also for the ramp down."""
+        """MOMRED has at most three quarters of the torque, also for the ramp down."""
         self.values["MOMRED"] = self.chance.randrange(N2_100_PERCENT * 3 // 4)
         self.to_and_fro()
         self.values["MOMRED"] = 0
