@@ -106,11 +106,14 @@ def draw_habits(chance: Random, number: int, shape: str = "") -> dict[str, dict[
     device = "encoder" if number in ENCODER_TELEGRAM_NUMBERS else "drive"
     drawn = [habit for habit in legal_habits(device) if chance.random() < _SHARE]
     needed = NEEDED_OBJECTS.get(number, set()) | NEEDED_OBJECTS.get(shape, set()) | UNFIT.get(number, set())
-    return {
+    habits = {
         habit.name: {key: chance.randint(*limits) for key, limits in habit.legal.items()}
         for habit in drawn
         if habit.name not in needed
     }
+    if "motion-starts-late" in habits:
+        habits.pop("flying-start", None)  # a closed brake holds the load
+    return habits
 
 
 def calm_plan(number: int, cycle_ms: int, name: str, habits: dict[str, dict[str, int]], *, direct: bool = True) -> Plan:
