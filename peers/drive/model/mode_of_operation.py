@@ -49,7 +49,7 @@ class ModeOfOperation:
         raise NotImplementedError
 
     def bits(self, halted: bool, units: int) -> int:
-        """The mode's bits of the Statusword. ``halted``: Halt in operation. ``units``: actual velocity."""
+        """The mode's bits of the Statusword. ``halted``: Halt in operation. ``units``: actual velocity, 0 when Halt has ended."""
         return StatusBit.TARGET_REACHED if halted and units == 0 else 0
 
     def condition(self) -> tuple[object, ...]:

@@ -444,7 +444,10 @@ class DriveModel(DriveImage):
         state = self.state
         if state is not self._shown_state:
             self._shown_state, self._state_bits = state, _STATE_BITS[state]
-        status = self._state_bits | self.motion.bits(self.halted and state is State.OPERATION_ENABLED, units)
+        halted = self.halted and state is State.OPERATION_ENABLED
+        if halted and self.ramp.speed == 0 and abs(self.deviation) < _STANDSTILL_RPM:
+            units = 0
+        status = self._state_bits | self.motion.bits(halted, units)
         if self.limited:
             status |= StatusBit.INTERNAL_LIMIT
         self.statusword = self._late_status.show(status, self._time, self.latency.status_ms)

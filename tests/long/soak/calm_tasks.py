@@ -52,6 +52,8 @@ _RANGE: Final = 500_000
 """100 % of a position of telegram 9: 607Bh of the simulated drive. Without a range a position is in its units."""
 _WINDOW: Final = 0.003
 """Revolutions, a little more than the ``position_window`` of the positioner."""
+_SWING: Final = 0.07
+"""The same of a home position that is set while a load swings, which turns on afterwards."""
 _BLOCKS: Final = {1: 2.0, 2: -3.0, 3: -0.5}
 """Ends of the traversing blocks, and of the chain that begins with block 3."""
 _BLOCK_SHARE: Final = 0.2
@@ -424,12 +426,12 @@ class TaskProgram(AxisProgram):
         near = abs(self.where - target) <= _WINDOW and self.at_standstill()
         return near and bool(self.shown("ZSW1") & _REACHED) and self.shows(target)
 
-    def shows(self, target: float) -> bool:
+    def shows(self, target: float, near: float = _WINDOW) -> bool:
         """Whether the PLC sees this position."""
         if not self.mdi:
             return True
         raw = self.shown(f"XIST{self.suffix or '_A'}")
-        return abs((float_of(raw) if self.suffix else raw) - self.units(target)) <= self.units(_WINDOW)
+        return abs((float_of(raw) if self.suffix else raw) - self.units(target)) <= self.units(near)
 
     # -- tasks -----------------------------------------------------------------------------------------------------------
 
@@ -473,7 +475,10 @@ class TaskProgram(AxisProgram):
             self.values["SATZANW"] = 0x8000 | 35
         self.set(self.words.on)
         self.set(self.words.on | _HOMING)
-        self.ends("homing", lambda: bool(self.shown("ZSW1") & _HOMED) and abs(self.where) <= _WINDOW and self.shows(0))
+        near = _SWING if "load-swings-back" in self.axis.plan.habits else _WINDOW
+        self.ends(
+            "homing", lambda: bool(self.shown("ZSW1") & _HOMED) and abs(self.where) <= near and self.shows(0, near)
+        )
         self.set(self.words.on)
 
     def jog(self) -> None:
