@@ -91,9 +91,9 @@ _ROOMS = {
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version  # noqa: PLC0415 (slow to load, and every command imports this package)
+        from pdgw.base.version import package_version  # noqa: PLC0415
 
-        found: Any = version("profidrive-gateway")
+        found: Any = package_version()
     elif name in _ROOMS:
         from importlib import import_module  # noqa: PLC0415
 

@@ -220,7 +220,7 @@ def test_packages_import_only_what_their_rows_allow() -> None:
 
 def test_modules_form_no_import_circle() -> None:
     """Not even for types, or inside a function."""
-    graph: dict[str, set[str]] = {}
+    graph = {"pdgw": {name.removeprefix("pdgw.") for name in imports(ROOT / "pdgw/__init__.py")}}
     for package in ROWS:
         for file in (ROOT / package.replace(".", "/")).glob("*.py"):
             module = package if file.stem == "__init__" else f"{package}.{file.stem}"

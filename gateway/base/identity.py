@@ -21,8 +21,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from pdgw import __version__
 from pdgw.base.phrases import counted
+from pdgw.base.version import package_version
 
 VENDOR_ID = 0xFFFF
 """Not assigned."""
@@ -32,7 +32,7 @@ HARDWARE_REVISION = 1
 RELEASE_YEAR = 2026
 RELEASE_DAY_MONTH = 2111
 """DDMM."""
-RELEASE: tuple[int, int, int] = tuple(int(part) for part in __version__.split("."))  # type: ignore[assignment]
+RELEASE: tuple[int, int, int] = tuple(int(part) for part in package_version().split("."))  # type: ignore[assignment]
 FIRMWARE_VERSION = RELEASE[0] * 100 + RELEASE[1]
 """As P964 and P975 show it: 123 is 1.23."""
 
@@ -62,7 +62,7 @@ def interpreter() -> str:
 
 def build_text() -> str:
     """Such as ``0.9.0, compiled, CPython 3.12.1, PGO``."""
-    return f"{__version__}, {kind()}, {interpreter()}"
+    return f"{package_version()}, {kind()}, {interpreter()}"
 
 
 PATH: Final = Path(__file__).with_name("measured.toml")

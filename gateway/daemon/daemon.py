@@ -15,9 +15,9 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from pdgw import __version__
 from pdgw.base.durations import MS, SECOND
 from pdgw.base.errors import PdgwError
+from pdgw.base.version import package_version
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SYNC
@@ -83,7 +83,7 @@ class Daemon:
         """The file of the configuration, and its time of modification when it was read."""
         self.started_ns = self.loop.now()
         self.events = EventLog(self.loop.wall)
-        self.events.add("gateway", None, f"gateway started, version {__version__}")
+        self.events.add("gateway", None, f"gateway started, version {package_version()}")
         self.cycles = 0
         self.late = 0
         self._register_counters()

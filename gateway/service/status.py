@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any
 
-from pdgw import __version__
 from pdgw.base.durations import MS, SECOND
+from pdgw.base.version import package_version
 from pdgw.ds301.loop.loop import Event, Loop, Task, Timer
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
@@ -255,7 +255,7 @@ def _head(daemon: RunningGateway) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "name": daemon.name,
-        "version": __version__,
+        "version": package_version(),
         "build": kind(),
         "python": interpreter(),
         "simulated": any(item.simulate for item in config.objects),

@@ -16,7 +16,7 @@ import typer
 from rich import box
 from rich.table import Table
 
-import pdgw
+from pdgw.base.version import package_version
 from pdgw.gateway.base.errors import GatewayError, writing
 
 
@@ -81,7 +81,11 @@ class Report:
 
     @property
     def _facts(self) -> dict[str, str]:
-        return {"date": self.when.isoformat(timespec="seconds"), "version": f"pdgw {pdgw.__version__}", **self.measured}
+        return {
+            "date": self.when.isoformat(timespec="seconds"),
+            "version": f"pdgw {package_version()}",
+            **self.measured,
+        }
 
     def junit(self) -> str:
         """Format JUnit XML: one suite, a test case for each check, facts and figures as properties."""

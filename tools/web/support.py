@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, metadata, requires
 from pathlib import Path
 from typing import Any
 
-from pdgw import __version__
+from pdgw.base.version import package_version
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import public_config
@@ -67,7 +67,7 @@ def licence(name: str) -> dict[str, str]:
 
 def about_document(config: GatewayConfig) -> dict[str, Any]:
     """Contents of the view About."""
-    return {"version": __version__, "configuration": public_config(config), "licences": licences()}
+    return {"version": package_version(), "configuration": public_config(config), "licences": licences()}
 
 
 def support_archive(watch: Watch, capture: Callable[[float], bytes]) -> bytes:
