@@ -1,13 +1,10 @@
-"""The type of a drive as one value, its faults, and the error root of this package.
+"""The type of a drive as one frozen value: objects with their limits, scaling, modes, homing methods, PDOs, faults and quirks.
 
-A manufacturer's fault numbers and their channel error types; the tables are in the overlays (``dsp402/families``).
-
-The type of a drive as one frozen value: objects with their limits, scaling, modes, homing methods, PDO capabilities, faults
-and quirks.
-
-Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). ``dsp402.identification.describe`` makes it from the data
-sheet, the answers of the device, the configuration and the overlay of its family (``dsp402.identification.overlay``).
-Executors read every difference between drives from here. Unknown values are refused by name, never assumed.
+Also the manufacturer's fault numbers with their channel error types (the tables are in ``dsp402/families``), and the error
+root of this package. Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). ``dsp402.identification.describe``
+makes the type from the data sheet, the answers of the device, the configuration and the overlay of its family
+(``dsp402.identification.overlay``). Executors read every difference between drives from here. Unknown values are refused by
+name, never assumed.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
 """The object catalogue of CiA 402 drives, and the indices of objects that are used by name.
 
-Objects with a value in an image are found by its attribute.
-
-Source: CiA 402-2, CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits come from the data sheet of a device
-(``dsp402.identification.describe``). A manufacturer's objects and special units are in the overlay of its family
-(``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and decoder use this table.
-
-Further objects of CiA 402: velocity mode, factor group, units, homing methods. Types and PDO mapping flags are the profile's.
-Source: CiA 402-2.
+Objects with a value in an image are found by its attribute; further ones are those of velocity mode, factor group, units and
+homing methods. Types and PDO mapping flags are the profile's. Source: CiA 402-2, CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults
+and limits come from the data sheet of a device (``dsp402.identification.describe``). A manufacturer's objects and special
+units are in the overlay of its family (``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and
+decoder use this table.
 """
 
 from __future__ import annotations

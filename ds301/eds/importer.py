@@ -1,12 +1,10 @@
-"""The data sheet of a node, and the import of EDS and DCF files.
+"""The data sheet of a node: its object dictionary from an EDS or DCF file, with errors a user can act on.
 
-The data sheet of a node: its object dictionary from an EDS or DCF, with errors a user can act on. Import of EDS and DCF files
-as they are found in the field: repaired, then read by canopen's own importer.
-
-Source: CiA 306 V1.3, CiA 301 (object codes, data types). What canopen's importer cannot read is repaired, or left out, and
-listed with its line. Compact sub-objects and compact PDOs are written out, which is not a repair; lists and counts follow
-the objects. A file is rejected if its identity or the type of an object is missing or has two meanings. Not here: type
-definitions (DEFTYPE, DEFSTRUCT) and modules; unused sections are kept.
+Files are read as they are found in the field: repaired, then read by canopen's own importer. Source: CiA 306 V1.3, CiA 301
+(object codes, data types). What that importer cannot read is repaired, or left out, and listed with its line. Compact sub-
+objects and compact PDOs are written out, which is not a repair; lists and counts follow the objects. A file is rejected if its
+identity or the type of an object is missing or has two meanings. Not here: type definitions (DEFTYPE, DEFSTRUCT) and modules;
+unused sections are kept.
 """
 
 from __future__ import annotations

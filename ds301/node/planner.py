@@ -1,11 +1,8 @@
 """The planner of a node's PDOs: what its owner needs, put into what the device has.
 
-Source: CiA DS 301 V4.02 chapters 7.2.2 and 7.5.2.35-38 (PDO parameters, mapping procedure), docs/translation.md "PDO layouts".
-Pure: ``PdoCapabilities`` is the data sheet's part, ``Findings`` what the device itself has answered since. Left out: bit-granular
-mappings.
-
-Inputs of the PDO plan during configuration: the data sheet, and the refusals of the device. Source: CiA DS 301 V4.02 chapter
-7.5.2.36. After each refusal, the plan is made again without the refused item.
+``PdoCapabilities`` is the data sheet's part, ``Findings`` what the device itself has answered since: after each refusal, the
+plan is made again without the refused item. Pure. Source: CiA DS 301 V4.02 chapters 7.2.2 and 7.5.2.35-38 (PDO parameters,
+mapping procedure), docs/translation.md "PDO layouts". Left out: bit-granular mappings.
 """
 
 from __future__ import annotations

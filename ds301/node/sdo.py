@@ -1,8 +1,7 @@
 """SDO access to one node: reads and writes in a task of the loop, and questions that need no task.
 
-Source: CiA DS 301 V4.02 chapter 7.2.4. Nothing here waits but inside a task; an answer that does not end is an error.
-
-Identify a node by SDO uploads only, without NMT commands and PDOs: for commissioning, while no gateway runs on its bus.
+Source: CiA DS 301 V4.02 chapter 7.2.4. Nothing here waits but inside a task; an answer that does not end is an error. A node
+is also identified here by SDO uploads alone, without NMT commands and PDOs, while no gateway runs on its bus (commissioning).
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
-"""The mechanics of a drive in its units, and the keys that describe them.
+"""The mechanics of a drive in its units: one revolution of its motor, gear and lengths, each with its source object or key.
 
-What a configuration and the overlay of a family say about the units of a drive; ``scaling`` makes its scaling of them. Source:
-docs/devices.md. One revolution of a motor in the units of its drive: positions, gear and lengths, each with its source object.
-
-Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it states nothing.
+What a configuration and the overlay of a family say about the units is here too; ``scaling`` makes the drive's scaling of
+them. Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it states nothing.
 Source: CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/devices.md.
 """
 

@@ -1,7 +1,7 @@
 """The configuration file: TOML, validated by pydantic, with messages a user can act on.
 
-Keys of [can], [transport] and [[axis]] are fixed, others have defaults; encoders are in ``gateway.configuration.tables.encoder``,
-what surrounds the drive objects in ``gateway.configuration.tables.environment``, reading a file in
+Keys of [can], [transport] and [[axis]] are fixed, others have defaults; encoders are in ``gateway.configuration.devices``,
+what surrounds the drive objects in ``gateway.configuration.environment``, reading a file in
 ``gateway.configuration.file``. Left out: the PLC's own parameters, which live in the parameter store.
 """
 

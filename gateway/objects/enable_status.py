@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from pdgw.gateway.base.reasons import AxisState, Enable, Reason
-
-if TYPE_CHECKING:
-    pass
-
 
 _TIME = re.compile(r",? \(?(?:since|at) \d\d:")
 

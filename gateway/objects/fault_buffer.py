@@ -1,9 +1,8 @@
-"""The faults of one axis as the parameter channel shows them: P944 to P953, and the numbers it may show.
+"""The faults of one axis as the parameter channel shows them: P944 to P953, and the numbers they may have.
 
-Fed by the drive object, read by the parameter channel. Source: docs/parameter-channel.md "Fault buffer".
-
-P946 and P951: the fault numbers of a drive object with their codes and texts, element n for number n. ``own`` are the
-manufacturer's faults by number; the gateway's are the same for every drive object.
+Fed by the drive object, read by the parameter channel. P946 and P951 are the fault numbers of a drive object with their codes
+and texts, element n for number n: the manufacturer's (``own``, by number) and the gateway's, which each drive object has.
+Source: docs/parameter-channel.md "Fault buffer".
 """
 
 from __future__ import annotations

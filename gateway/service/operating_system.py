@@ -1,10 +1,10 @@
 """What the gateway uses of the operating system: real-time scheduling, the service manager.
 
 The exchange runs with a real-time priority (SCHED_FIFO), unless the process was started with another policy. A refusal is
-logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available.
-
-The service manager hears that the gateway is ready and alive: the protocol of sd_notify(3), a datagram for each line. The sign
-of life comes only from the cyclic loop: a loop that hangs is ended and started again."""
+logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available. The service manager learns
+that the gateway is ready and alive by the protocol of sd_notify(3), a datagram for each line. The sign of life comes only from
+the cyclic loop: a loop that hangs is ended and started again.
+"""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class Cycle(NamedTuple):
     time_ns: int
     wall_ns: int
     flags: int
-    """``blocks.FRESH`` ..."""
+    """``pcapng.FRESH`` ..."""
     received: bytes
     sent: bytes
     steps: tuple[Step, ...]

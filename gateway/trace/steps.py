@@ -1,16 +1,13 @@
 """Steps of drive objects as bytes, and values of the gateway as JSON.
 
-Values of the gateway as JSON with named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them.
+The step of a drive object is what its machine was given and what it decided. The frames of the same cycle are in the same
+recording. While they have all that has changed, a step is two bytes, and the reader gets setpoints, feedback and command from
+the frames. Values that are read or written by SDO follow if they change. A step is recorded with all of its values if
+something else has changed, if the frames do not have its values (device not online, RPDO waiting), and once a second.
 
-A value has the name of its class, so a recording does not depend on the module that defines it. A reader ignores a field
-that this version does not have, and gives a new one its default.
-
-The step of a drive object as bytes: what its machine was given and what it decided.
-
-The frames of the same cycle are in the same recording. While they have all that has changed, a step is two bytes, and the
-reader gets setpoints, feedback and command from the frames. Values that are read or written by SDO follow if they change. A
-step is recorded with all of its values if something else has changed, if the frames do not have its values (device not online,
-RPDO waiting), and once a second.
+JSON has named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them. A value has the name of its
+class, so a recording does not depend on the module that defines it. A reader ignores a field that this version does not have,
+and gives a new one its default.
 """
 
 from __future__ import annotations

@@ -1,14 +1,9 @@
-"""The simulated encoder without CANopen, and its habits.
+"""The simulated encoder without CANopen: channels, registers and diagnostics, and its habits.
 
-Behaviours of a simulated encoder in addition to those of any CANopen node.
-
-Source: CiA DSP 406 V2.0 chapter 6.2; CiA DS 301 (error register 1001h). Which alarm goes with which code is our choice: the
-profile leaves it to the manufacturer.
-
-The simulated encoder without CANopen: channels, registers and diagnostics.
-
-Source: CiA DSP 406 V2.0 chapter 8. The caller passes the time in nanoseconds. Not simulated: wrong positions. An alarm says
-that the position may be wrong; here it stays correct.
+Source: CiA DSP 406 V2.0 chapters 6.2 and 8, CiA DS 301 (error register 1001h). Which alarm goes with which code is our choice:
+the profile leaves it to the manufacturer. The caller passes the time in nanoseconds. The habits are those of an encoder, in
+addition to those of any CANopen node. Not simulated: wrong positions. An alarm says that the position may be wrong; here it
+stays correct.
 """
 
 from __future__ import annotations

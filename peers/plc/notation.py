@@ -1,12 +1,9 @@
-"""Notation of a scenario: its values, and the words of the telegrams.
+"""Notation of a scenario: its values, and the words of the telegrams by the names of their bits.
 
-Values: ``1234``, ``0x4D2``, ``2000h``, ``50 %`` or, with the references of the scenario, ``1500 rpm`` and ``2000 inc``. Expected
-values also ``<= 5``, ``100 +- 2`` and ``& 0x4F = 0x40``. Times ``500 ms`` and ``3 s``.
-
-Words of the PLC simulator from the telegrams: every sent value and bit by its declared name.
-
-A value has the name of its signal (``override``, ``kpc``), a bit its declared name (``tracking``, ``open_brake``). Bits of a
-sensor's word have the sensor as a prefix (``g1_park``). All are in lower case. Bits without a function are left out.
+Values: ``1234``, ``0x4D2``, ``2000h``, ``50 %`` or, with the references of the scenario, ``1500 rpm`` and ``2000 inc``.
+Expected values also ``<= 5``, ``100 +- 2`` and ``& 0x4F = 0x40``. Times ``500 ms`` and ``3 s``. A value has the name of its
+signal (``override``, ``kpc``), a bit its declared name (``tracking``, ``open_brake``). Bits of a sensor's word have the sensor
+as a prefix (``g1_park``). All are in lower case. Bits without a function are left out.
 """
 
 from __future__ import annotations

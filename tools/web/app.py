@@ -1,9 +1,8 @@
 """The page and its interface, version 1: routes over a ``Watch``. Nothing here can change anything.
 
-Answers are JSON with snake_case keys and the unit in the key; readers ignore keys they do not know. Errors are
-``{"error": text, "field": name}``.
-
-``pdgw web`` as a process: the server, the watch and, if configured, the MQTT publisher, until a signal ends it.
+Answers are JSON with snake_case keys and the unit in the key; readers ignore keys they do not know. Errors are ``{"error":
+text, "field": name}``. ``pdgw web`` as a process is here too: the server, the watch and, if configured, the MQTT publisher,
+until a signal ends it.
 """
 
 from __future__ import annotations

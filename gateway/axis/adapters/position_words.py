@@ -1,15 +1,9 @@
-"""Telegrams with positions: 7, 110 and 111, and telegram 9.
+"""Words of the telegrams with positions: 7, 110 and 111 of the positioner, and 9 (positioning with MDI and homing).
 
-Telegrams 7, 110 and 111: STW1 and the positioner's words, ZSW1 and what a positioner shows.
-
-Source: docs/motion.md, docs/telegrams.md "Sources". Telegram 7 has blocks alone, 110 spreads over SATZANW, POS_STW and
-MDI_MOD what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.14 and .15 (accelerates,
-decelerates): 0.
-
-Telegram 9: positioning with MDI and homing.
-
-Source: docs/telegrams.md, docs/translation.md "Positioning, telegram 9 (MDI)". Left out: traversing blocks (telegram 7) and
-jogging, which the drives do not have; STW2 is not evaluated.
+Source: docs/motion.md, docs/telegrams.md "Sources", docs/translation.md "Positioning, telegram 9 (MDI)". Telegram 7 has blocks
+alone, 110 spreads over SATZANW, POS_STW and MDI_MOD what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam,
+ZSW1.14 and .15 (accelerates, decelerates): 0. In telegram 9: traversing blocks (telegram 7) and jogging, which the drives do
+not have; STW2 is not evaluated.
 """
 
 from __future__ import annotations

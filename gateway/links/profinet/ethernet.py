@@ -1,11 +1,8 @@
-"""The Ethernet edge of the PROFINET device, with the state of its interface.
+"""The Ethernet edge of the PROFINET device: raw sockets with filters in the kernel, the RPC port, link state, IP address.
 
-Speed, duplex mode and autonegotiation of a network interface, as its driver says (Linux, ETHTOOL). Source: linux/ethtool.h
-(struct ethtool_cmd), RFC 4836 (dot3MauType, ifMauAutoNegCapAdvertisedBits). The Ethernet edge of the PROFINET device: raw
-sockets with filters in the kernel, the RPC port, link state, IP address.
-
-Linux (AF_PACKET). Real-time frames and DCP have a socket each, so that a flood of DCP cannot push a controller's frame out
-of the buffer. Needs CAP_NET_RAW; CAP_NET_ADMIN to set the address that DCP gives.
+Linux (AF_PACKET). Real-time frames and DCP have a socket each, so that a flood of DCP cannot push a controller's frame out of
+the buffer. Needs CAP_NET_RAW; CAP_NET_ADMIN to set the address that DCP gives. Speed, duplex mode and autonegotiation are what
+the driver says (ETHTOOL). Source: linux/ethtool.h (struct ethtool_cmd), RFC 4836 (dot3MauType, ifMauAutoNegCapAdvertisedBits).
 """
 
 from __future__ import annotations

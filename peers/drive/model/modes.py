@@ -2,8 +2,6 @@
 
 Source: the manufacturer's guide chapters 6 and 7, CiA DSP 402 V2.0 (profile position, profile velocity, homing), CiA 402-2
 (cyclic synchronous modes). The model has the state of the power section and the quick stop.
-
-Speed and torque modes.
 """
 
 from __future__ import annotations

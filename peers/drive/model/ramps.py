@@ -6,13 +6,9 @@ Source: the manufacturer's guide 7.8 and 7.9 (ramp types of 6086h). Speeds in rp
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from pdgw.base.durations import SECONDS_PER_MINUTE
-
-if TYPE_CHECKING:
-    pass
-
 
 INCREMENTS_PER_REVOLUTION: Final = 4096
 SECOND_ENCODER_STEPS: Final = 4

@@ -1,9 +1,7 @@
-"""Variants of simulated drives, and the machines that they move.
+"""Variants of simulated drives, and the machines that they move, with the limits of their travel.
 
 ``shapes.toml`` declares the variants: the ENGEL-like drive with other objects, units, modes, PDOs and behaviour. The motor is
 always the same, with 4096 increments a revolution. The meaning of a value depends on the variant.
-
-The machine of a simulated drive, with the limits of its travel.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """The PLC's view of its values, and its position loop.
 
-The PLC's view as plain data and as tables for a terminal: words by bit, values, and why values are missing. ``follow``: the
-PLC closes the position loop and the axis follows a sine until the following error is small enough.
-
-The controller is ``PositionLoop``. The target oscillates between the start position and one ahead of it. It starts and ends
-each period at rest, and pauses while the PLC itself is delayed. If the axis is stopped and stays far from the target, the
-next period starts at its position. The axis has no load.
+The view is plain data, and tables for a terminal: words by bit, values, and why values are missing. ``follow``: the PLC closes
+the position loop (``PositionLoop``), and the axis follows a sine until the following error is small enough. The target
+oscillates between the start position and one ahead of it. It starts and ends each period at rest, and pauses while the PLC
+itself is delayed. If the axis is stopped and stays far from the target, the next period starts at its position. The axis has
+no load.
 """
 
 from __future__ import annotations

@@ -1,14 +1,11 @@
-"""Selection of packets: by options, by expressions, by changes.
+"""Selection of packets, and of their units and signals: by options, by expressions, by changes.
 
-Selection of packets, and of their units and signals. Filter expressions: ``stw1.on == 0 and axis == 1``.
-
-Python's syntax for comparisons, ``and``, ``or``, ``not``, ``in``, arithmetic and bit operations on numbers; no other code
-is executed. Values are those of documents: percent for N2/N4, else raw; text is compared without case. If the packet has a
-signal of the expression, other signals have their last known values of the same axis, so words of different packets can be
-compared. Any other missing name makes the comparison unknown; unknown is neither true nor false (``not`` keeps it), and
-only true results pass.
-
-Only what changed: ``--changes-only`` over the packets of each stream.
+Filter expressions are ``stw1.on == 0 and axis == 1``: Python's syntax for comparisons, ``and``, ``or``, ``not``, ``in``,
+arithmetic and bit operations on numbers; no other code is executed. Values are those of documents: percent for N2/N4, else
+raw; text is compared without case. If the packet has a signal of the expression, other signals have their last known values of
+the same axis, so words of different packets can be compared. Any other missing name makes the comparison unknown; unknown is
+neither true nor false (``not`` keeps it), and only true results pass. ``--changes-only`` gives only what changed, over the
+packets of each stream.
 """
 
 from __future__ import annotations

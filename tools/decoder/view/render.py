@@ -1,12 +1,8 @@
-"""Records as text, and chosen names as rows.
+"""Records as text (one line, or the full tree), and chosen names of every packet as rows for tables and curves.
 
-Chosen names of every packet as rows, for tables and curves.
-
-One row for each unit (each packet without units) that has at least one of the chosen signals or of the fields not every
-packet has; when only such common fields are chosen, for all. Where no filter selects units, rows come straight from the
+There is one row for each unit (each packet without units) that has at least one of the chosen signals or of the fields not
+every packet has; when only such common fields are chosen, for all. Where no filter selects units, rows come straight from the
 unpacked frame.
-
-Records as text: one line, or the full tree.
 """
 
 from __future__ import annotations

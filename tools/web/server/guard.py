@@ -1,11 +1,9 @@
-"""Who may ask the page for what, and how large answers are sent.
-
-Answers of megabytes: a few at a time, sent in parts, so that readers who take nothing cannot fill the memory. Who may ask for
-what: the rules every request passes before the page's own code sees it.
+"""Who may ask the page for what, and how large answers are sent: the rules that a request passes before the page's own code.
 
 Only GET and HEAD; a Host that is one of ours (DNS rebinding); nothing for other sites' scripts; the token, as
 ``Authorization`` or as the cookie that ``/api/v1/login`` gave for it; headers that let the page load nothing but its own
-files. The rules are plain functions of the request and the time; ``Guard`` is their ASGI middleware.
+files. The rules are plain functions of the request and the time; ``Guard`` is their ASGI middleware. Answers of megabytes are
+sent a few at a time, in parts, so that readers who take nothing cannot fill the memory.
 """
 
 from __future__ import annotations

@@ -1,11 +1,7 @@
-"""The server of the page, and which connections stay open.
+"""The server of the page (uvicorn on one address), and which connections stay open: few for each unknown sender.
 
-Which connections to the page stay open: few for each unknown sender, and a new one always gets a place.
-
-A connection is unknown until it shows the token or carries a stream. Unknown connections end in favour of newer ones, so a
-sender with many connections loses its own first, and /healthz is always answered.
-
-The server of the page: uvicorn on one address, with limits for unknown senders.
+A connection is unknown until it shows the token or carries a stream. Unknown connections end in favour of newer ones, so a new
+one always gets a place, a sender with many connections loses its own first, and /healthz is always answered.
 """
 
 from __future__ import annotations

@@ -1,12 +1,8 @@
-"""Acyclic PROFINET: calls, record access, parameter requests.
+"""Acyclic PROFINET: the calls that make, confirm and end relationships, record access, parameter requests with their responses.
 
-Connect, Control and Release: the calls that make, confirm and end relationships. Source: IEC 61158-5-10/-6-10 (CMRPC, CMSM).
-Cyclic data counts once the controller has confirmed ApplicationReady. Acyclic PROFINET: DCE/RPC packets, record access,
-parameter requests and responses paired with each other.
-
-Source: docs/plc.md "Acyclic channel", docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
-``profidrive.parameters.codec``. Connect, Control and Release are read by ``decoder.frames.profinet.calls``. Left out: the
-entries of the endpoint mapper, which is named only.
+Cyclic data counts once the controller has confirmed ApplicationReady. Source: IEC 61158-5-10/-6-10 (CMRPC, CMSM), docs/plc.md
+"Acyclic channel", docs/parameter-channel.md; the codecs are ``profinet.rpc`` and ``profidrive.parameters.codec``. Left out:
+the entries of the endpoint mapper, which is named only.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """Relationships of PROFINET: stations, cyclic frames by a Connect, and their records.
 
-MAC addresses of stations, from DCP and Connect. Cyclic frames by a PROFINET Connect: FrameIDs, directions, places of the data
-of each submodule.
-
-Source: IEC 61158-6-10, by the blocks ``profinet.blocks.connect`` declares. For captures only: a Connect that a device would
+MAC addresses of stations are from DCP and Connect; FrameIDs, directions and places of the data of each submodule from a
+Connect. Also records beside cyclic frames and parameters: relationships that come and go, DCP, LLDP, alarms. Source: IEC
+61158-6-10, by the blocks that ``profinet.blocks.connect_blocks`` declares. For captures only: a Connect that a device would
 refuse is decoded too, other blocks are skipped. Not here: multicast relationships, several API numbers with the same slots.
-
-Records of PROFINET beside cyclic frames and parameters: relationships that come and go, DCP, LLDP, alarms.
 """
 
 from __future__ import annotations
