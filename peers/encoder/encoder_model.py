@@ -16,20 +16,9 @@ from typing import Final, cast
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.dsp406 import objects
-from pdgw.dsp406.kinds import (
-    OPERATING_RESERVED,
-    Alarm,
-    Chain,
-    Dsp406Error,
-    EncoderDevice,
-    Operating,
-    area_state,
-    cam_active,
-    cam_state,
-    chain,
-    speed_value,
-)
+from pdgw.dsp406.kinds import OPERATING_RESERVED, Alarm, Dsp406Error, EncoderDevice, Operating
 from pdgw.peers.encoder.motion import Motion, Standstill, still
+from pdgw.peers.encoder.outputs import Chain, area_state, cam_active, cam_state, chain, speed_value
 from pdgw.peers.habits import HABITS
 from pdgw.peers.node.behaviour import Behaviour, catalogue
 from pdgw.peers.node.node_behaviours import NODE_BEHAVIOURS, NODE_HABITS

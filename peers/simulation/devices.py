@@ -16,11 +16,12 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.port import CanPort
 from pdgw.ds301.loop.loop import Loop
 from pdgw.dsp402.states import state_of
-from pdgw.dsp406.kinds import DEVICES, ROTARY, Alarm, EncoderDevice, Warnings, names
+from pdgw.dsp406.kinds import DEVICES, ROTARY, Alarm, EncoderDevice, Warnings
 from pdgw.peers.bus import LoopbackBus
 from pdgw.peers.drive import ENGEL, MACHINES, Latency, SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, parse_motion
+from pdgw.peers.encoder.outputs import names
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode
 

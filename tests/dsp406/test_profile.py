@@ -20,20 +20,15 @@ from pdgw.dsp406.kinds import (
     ROTARY,
     Alarm,
     AreaState,
-    Chain,
     Dsp406Error,
     EncoderDevice,
     EncoderType,
     Operating,
     Warnings,
-    area_state,
-    cam_active,
-    cam_state,
-    chain,
     multi_sensor,
-    speed_value,
 )
 from pdgw.dsp406.objects import PROFILE, Category, EncoderClass, encoder_catalogue
+from pdgw.peers.encoder.outputs import Chain, area_state, cam_active, cam_state, chain, speed_value
 
 ALL = tuple(DEVICES.values())
 CHANNELS = multi_sensor(3)
