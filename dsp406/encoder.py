@@ -22,7 +22,7 @@ from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.node.client import ACYCLIC_FAILURES, SHORTEST_EMCY, NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
-from pdgw.ds301.node.node import NodeEvent, NodeSettings
+from pdgw.ds301.node.node import NodeNotice, NodeSettings, Notice
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.node.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.ds301.objects import CanType, Entry
@@ -46,7 +46,6 @@ from pdgw.dsp406.objects import (
 )
 from pdgw.dsp406.pdos import encoder_layout
 
-EncoderEvent = NodeEvent
 _ROUNDS = 4
 _READ_LATE_NS: Final = _ROUNDS * 100 * MS
 """A position read by SDO, each 100 ms and as long as reading all takes, may be missed so often; and one SDO may time out."""
@@ -103,9 +102,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
 
     kind = DeviceKind("encoder", "an encoder", ENCODER_PROFILE, Dsp406Error)
 
-    def __init__(
-        self, network: CanNetwork, settings: EncoderSettings, on_event: Callable[[EncoderEvent], None]
-    ) -> None:
+    def __init__(self, network: CanNetwork, settings: EncoderSettings, on_event: Callable[[NodeNotice], None]) -> None:
         self.feedback = EncoderFeedback(settings.channels)
         self.parameters: EncoderParameters | None = None
         """Read while configuring; None before."""
@@ -176,7 +173,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         except (Dsp406Error, SdoAbortedError) as error:
             text = str(error)
             self.heartbeat.expected = False  # only the TPDOs show that the encoder is running
-            self._notify("status", f"no heartbeat: {text}")
+            self._notify(Notice.PROGRESS, f"no heartbeat: {text}")
         self.read_parameters()
         self.feedback.error_code = 0
         self._read_diagnostics()

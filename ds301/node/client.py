@@ -40,7 +40,7 @@ from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
-from pdgw.ds301.node.node import Loss, NodeEvent, NodeSettings, NodeStatus, TpdoSlot
+from pdgw.ds301.node.node import Loss, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
@@ -81,6 +81,13 @@ _NOT_STARTED: Final = "not started"
 SHORTEST_EMCY: Final = 3
 """Bytes of an EMCY of a device that sends only error code and error register."""
 _ONLINE: Final = NodeStatus.ONLINE
+_NOTICES: Final = {
+    NodeStatus.OFFLINE: Notice.ABSENT,
+    NodeStatus.CONFIGURING: Notice.PROGRESS,
+    NodeStatus.ONLINE: Notice.ONLINE,
+    NodeStatus.REFUSED: Notice.REFUSED,
+}
+"""What a status is to the owner; a loss is that of the node or of its bus."""
 
 
 class NodeClient(abc.ABC, Generic[S]):
@@ -95,7 +102,7 @@ class NodeClient(abc.ABC, Generic[S]):
         layout: PdoLayout,
         dictionary: canopen.ObjectDictionary,
         image: object,
-        on_event: Callable[[NodeEvent], None],
+        on_event: Callable[[NodeNotice], None],
     ) -> None:
         self.loop = network.loop
         self.network = network
@@ -378,8 +385,8 @@ class NodeClient(abc.ABC, Generic[S]):
             f"{self.kind.name} {self.settings.node_id}", self.status.value, "online to be read or written"
         )
 
-    def _notify(self, kind: str, text: str) -> None:
-        self.on_event(NodeEvent(kind, text, time_ns=self.loop.now()))
+    def _notify(self, notice: Notice, text: str, by: Loss | None = None) -> None:
+        self.on_event(NodeNotice(notice, text, self.loop.now(), by=by))
 
     def _set_status(self, status: NodeStatus, text: str) -> None:
         changed = status is not self.status or text != self.status_text
@@ -389,8 +396,12 @@ class NodeClient(abc.ABC, Generic[S]):
             self.refusal = text if status is NodeStatus.REFUSED else ""
         if status is not NodeStatus.ONLINE:
             self._jobs.fail(self._not_online)
-        if changed:
-            self._notify("refused" if status is NodeStatus.REFUSED else "status", f"{status.value}: {text}")
+        if not changed:
+            return
+        if status is NodeStatus.LOST:
+            self._notify(Notice.BUS_LOST if self.bus_failed else Notice.LOST, text, self.loss)
+        else:
+            self._notify(_NOTICES[status], f"{status.value}: {text}")
 
     def _absent(self, text: str) -> None:
         if self.status is not NodeStatus.LOST:
@@ -399,7 +410,9 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.sdo.answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
             self._slow = 2 * self._sdo_timeout_ns
             self._apply_times()
-            self._notify("slow", f"answers SDO late: the timeout is now {self._slow // MS} ms; set sdo_timeout_ms")
+            self._notify(
+                Notice.PROGRESS, f"answers SDO late: the timeout is now {self._slow // MS} ms; set sdo_timeout_ms"
+            )
 
     def _refuse(self, text: str) -> None:
         self._set_status(NodeStatus.REFUSED, text)
@@ -572,7 +585,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if plan != self.plan:
             self.plan = plan
             for line in plan.lines:
-                self._notify("plan", line)
+                self._notify(Notice.PROGRESS, line)
 
     @property
     def _interrupted(self) -> bool:
@@ -719,7 +732,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 failure = ""
             except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
                 if self.status is _ONLINE and failure != (failure := str(error)):  # log it once until it changes
-                    self._notify("status", f"object without PDO: {failure}")
+                    self._notify(Notice.PROGRESS, f"object without PDO: {failure}")
 
     def _left(self, now: int) -> str:
         """Why the heartbeat shows another state than Operational."""
@@ -805,10 +818,11 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.heartbeat.receive(data, now):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
-                self.on_event(NodeEvent("boot", self._by_other_master() or "boot-up message", time_ns=now))
+                text = self._by_other_master() or "boot-up message"
+                self._notify(Notice.BOOT, text, self.loss)
         if self.heartbeat.in_row == OFTEN:
             period = f"{self.heartbeat.gap // MS} ms, 1017h is {self.settings.heartbeat_ms}"
-            self._notify("status", f"heartbeat comes every {period}")
+            self._notify(Notice.PROGRESS, f"heartbeat comes every {period}")
         self._watch(now)
 
     def _on_other_request(self, data: bytes, _now: int) -> None:
@@ -821,4 +835,4 @@ class NodeClient(abc.ABC, Generic[S]):
         text = f"EMCY {code:04X}h {self._emcy_text(code)}"
         if code or not self._after_emcy(now - SECOND):
             self._emcy = text, now
-        self.on_event(NodeEvent("emcy", text, code, data[2], data[3:], now))
+        self.on_event(NodeNotice(Notice.EMERGENCY, text, now, code, data[2], data[3:]))

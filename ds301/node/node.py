@@ -66,21 +66,38 @@ class NodeSettings:
         return self.tpdo_event_ms * self.tpdo_timeout_factor * MS
 
 
-@dataclass(frozen=True, slots=True)
-class NodeEvent:
-    """Something the owner must know.
+class Notice(enum.Enum):
+    """What has happened to a node. Recordings have the names."""
 
-    ``kind`` is one of status, plan, emcy, boot, refused, setpoint (one that is not started), slow (the time for SDO answers
-    grows), off (a drive that was found without power before it was configured). For ``emcy``: ``code`` the error code,
-    ``register`` the error register, ``data`` the manufacturer bytes.
+    EMERGENCY = "EMCY"
+    BOOT = "boot-up during operation"
+    REFUSED = "wrong device or configuration"
+    SET_POINT_REFUSED = "data of a setpoint rejected"
+    LOST = "lost after it was online"
+    BUS_LOST = "CAN bus lost"
+    OFF = "without power before it was configured"
+    UNITS_CHANGED = "an object that defines its units has changed"
+    UNITS_READ = "its units were read again"
+    ONLINE = "in operation"
+    ABSENT = "does not answer"
+    PROGRESS = "anything else"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeNotice:
+    """One event of a node, made where it happens; ``time_ns`` is monotonic.
+
+    ``code``, ``register`` and ``data`` (the manufacturer's bytes) are those of an EMCY. ``by``: who caused a loss or a boot-up;
+    None: the node itself.
     """
 
-    kind: str
+    notice: Notice
     text: str
+    time_ns: int
     code: int = 0
     register: int = 0
     data: bytes = b""
-    time_ns: int = 0
+    by: Loss | None = None
 
 
 class TpdoSlot:

@@ -31,7 +31,7 @@ from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
-from pdgw.ds301.node.node import NodeEvent, NodeStatus
+from pdgw.ds301.node.node import NodeNotice, NodeStatus, Notice
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.objects import CanType, ObjectAddress
@@ -66,7 +66,6 @@ from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.dsp402.units.unit_watch import UnitWatch
 
 DriveStatus = NodeStatus
-DriveEvent = NodeEvent
 _KEPT: Final = KEPT | {"dynamic_speed_limit", "dynamic_torque_limit"}
 """Objects whose own value returns when no RPDO contains them; those of the profile, and of a family."""
 _UNITS_AND_LIMITS: Final = frozenset(SCALING_OBJECTS)
@@ -87,7 +86,7 @@ class DriveClient(NodeClient[DriveSettings]):
         network: CanNetwork,
         settings: DriveSettings,
         layout: PdoLayout,
-        on_event: Callable[[DriveEvent], None],
+        on_event: Callable[[NodeNotice], None],
     ) -> None:
         node_id = settings.node_id
         dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
@@ -204,7 +203,7 @@ class DriveClient(NodeClient[DriveSettings]):
         return left_to_the_drive(drive.acting, self.settings.modes(drive), {entry.address for entry in plan.commanded})
 
     def _units_changed(self, text: str) -> None:
-        self._notify("units", text)
+        self._notify(Notice.UNITS_CHANGED, text)
         self._wake.set()
 
     def _read_units(self) -> None:
@@ -215,7 +214,7 @@ class DriveClient(NodeClient[DriveSettings]):
         except Exception:
             self.unhold(check=True)  # the bring-up reads them
             raise
-        self._notify("references", "reads its units again")
+        self._notify(Notice.UNITS_READ, "reads its units again")
 
     def _identify(self, device_type: int) -> None:
         if profile_of(device_type) == DRIVE_PROFILE:
@@ -252,7 +251,7 @@ class DriveClient(NodeClient[DriveSettings]):
         shown = "an unknown state" if state is None else state.value
         self._is_off = state in OFF
         if self._is_off:
-            self._notify("off", shown)
+            self._notify(Notice.OFF, shown)
             return
         stop = SdoStep(*CONTROLWORD, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
         if self.needs_last_stop(self._read_speed()):
@@ -260,9 +259,9 @@ class DriveClient(NodeClient[DriveSettings]):
         try:
             self.sdo.write_urgently(stop.index, stop.subindex, stop.data)
         except SdoAbortedError as error:
-            self._notify("status", f"in {shown}, and rejects {stop.meaning} by SDO: {error}")
+            self._notify(Notice.PROGRESS, f"in {shown}, and rejects {stop.meaning} by SDO: {error}")
         else:
-            self._notify("status", f"in {shown}: {stop.meaning} by SDO before it is configured")
+            self._notify(Notice.PROGRESS, f"in {shown}: {stop.meaning} by SDO before it is configured")
 
     def _read_speed(self) -> int:
         """The actual speed; 0 if it cannot be read."""
@@ -288,7 +287,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.own_values.carry(carried, off=self._is_off)
         drive = self._describe()
         for line in drive.ignored_ranges:
-            self._notify("status", line)
+            self._notify(Notice.PROGRESS, line)
         if self.settings.tasks:
             drive.require_profile_position()
         return drive.pdos
@@ -377,7 +376,9 @@ class DriveClient(NodeClient[DriveSettings]):
             self.own_values.commit()
         else:
             shown = "an unknown state" if state is None else state.value
-            self._notify("status", f"in {shown}: the drive's own values are not written back; the next start does it")
+            self._notify(
+                Notice.PROGRESS, f"in {shown}: the drive's own values are not written back; the next start does it"
+            )
 
     def _configure_guarding(self, drive: DriveType) -> None:
         settings = self.settings
@@ -393,9 +394,9 @@ class DriveClient(NodeClient[DriveSettings]):
                 ),
             )
         if guarding.refusal:
-            self._notify("status", f"not guarded: {guarding.refusal}")
+            self._notify(Notice.PROGRESS, f"not guarded: {guarding.refusal}")
         elif guarding != self.guarding:
-            self._notify("status", f"if the gateway dies, this drive is stopped by {guarding.text}")
+            self._notify(Notice.PROGRESS, f"if the gateway dies, this drive is stopped by {guarding.text}")
         self.guarding = guarding
         self.heartbeat.by_requests = guarding.life_guarding
         self.heartbeat.expected = guarding.heartbeat or guarding.life_guarding

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection
 
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.node.configuring import ConfiguringAccess
+from pdgw.ds301.node.node import Notice
 from pdgw.dsp402.acting import Acting, Found, Treatment
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import STATUSWORD
@@ -20,9 +21,9 @@ OFF = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SW
 
 
 class LeftOvers:
-    """Corrects them in one drive. ``notify`` is called with kind and text of an event."""
+    """Corrects them in one drive. ``notify`` is called with an event of the node and its text."""
 
-    def __init__(self, sdo: ConfiguringAccess, notify: Callable[[str, str], None]) -> None:
+    def __init__(self, sdo: ConfiguringAccess, notify: Callable[[Notice, str], None]) -> None:
         self._sdo = sdo
         self._notify = notify
         self.waits = False
@@ -44,7 +45,7 @@ class LeftOvers:
             if refusal and is_required and value is not None:
                 refusals.append(f"{shown}: {row.why}; {refusal}")
             elif refusal or is_required:
-                self._notify("status", f"{shown}: {row.why}; {refusal or f'it is {found[row.address]} now'}")
+                self._notify(Notice.PROGRESS, f"{shown}: {row.why}; {refusal or f'it is {found[row.address]} now'}")
         return "; ".join(refusals)
 
     def _set(self, row: Acting, value: int, found: Found) -> str:

@@ -8,6 +8,7 @@ from typing import Final
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.node.configuring import ConfiguringAccess
+from pdgw.ds301.node.node import Notice
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import Dsp402Error
@@ -20,9 +21,9 @@ _NO_MODE: Final = 0
 
 
 class ModeCheck:
-    """Checks the mode of one drive. ``notify`` is called with kind and text of an event of the node."""
+    """Checks the mode of one drive. ``notify`` is called with an event of the node and its text."""
 
-    def __init__(self, sdo: ConfiguringAccess, feedback: DriveFeedback, notify: Callable[[str, str], None]) -> None:
+    def __init__(self, sdo: ConfiguringAccess, feedback: DriveFeedback, notify: Callable[[Notice, str], None]) -> None:
         self._sdo = sdo
         self._feedback = feedback
         self._notify = notify
@@ -45,7 +46,7 @@ class ModeCheck:
             if mode in _SPEED_MODES and (late or (shown == _NO_MODE and sdo.loop.now() > deadline)):
                 self.awaited = mode
                 self._notify(
-                    "status", f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled"
+                    Notice.PROGRESS, f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled"
                 )
                 return
             if sdo.loop.now() > deadline:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from pdgw.ds301.aborts import SdoAbortedError
+from pdgw.ds301.node.node import Notice
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import HOMING_SPEEDS, MAX_TORQUE
@@ -61,14 +62,14 @@ class OwnValueKeeper:
     """Keeps the own values of one drive, in its task.
 
     ``read`` returns the data of an object, None for one that is not there, and nothing for one that cannot be read now.
-    ``write`` raises what an SDO write raises. ``notify`` is called with kind and text of an event.
+    ``write`` raises what an SDO write raises. ``notify`` is called with an event of the node and its text.
     """
 
     def __init__(
         self,
         read: Callable[[int, int], bytes | None],
         write: Callable[[int, int, bytes], None],
-        notify: Callable[[str, str], None],
+        notify: Callable[[Notice, str], None],
     ) -> None:
         self._read = read
         self._write = write
@@ -104,7 +105,9 @@ class OwnValueKeeper:
         """This drive is there. The values of another one are dropped."""
         if self._values and identity != self.identity:
             texts = ", ".join(item.text(item.value) for item in self._values.values())
-            self._notify("status", f"another drive (1018h): the kept own values of the last one are dropped: {texts}")
+            self._notify(
+                Notice.PROGRESS, f"another drive (1018h): the kept own values of the last one are dropped: {texts}"
+            )
             self._values.clear()
         if self._unproven:
             # The value may be another drive's and too high; what the drive shows can only be too low.
@@ -114,7 +117,8 @@ class OwnValueKeeper:
             if dropped:
                 texts = ", ".join(item.text(item.value) for item in dropped)
                 self._notify(
-                    "status", f"no serial number (1018h/4): own values of before are not used, check them: {texts}"
+                    Notice.PROGRESS,
+                    f"no serial number (1018h/4): own values of before are not used, check them: {texts}",
                 )
             self._unproven = False
         self.identity = identity
@@ -141,7 +145,7 @@ class OwnValueKeeper:
                 continue
             data = self._read(*kept.address)
             if data == b"":
-                self._notify("status", f"{kept.text(kept.value)} is not written back: it cannot be read now")
+                self._notify(Notice.PROGRESS, f"{kept.text(kept.value)} is not written back: it cannot be read now")
                 continue
             shown = int.from_bytes(data or b"", "little")
             if data is None or shown == kept.value:
@@ -154,14 +158,14 @@ class OwnValueKeeper:
                     self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
                 except SdoAbortedError as error:
                     self._notify(
-                        "status", f"{kept.text(shown)}: the own value {kept.value} is not written back: {error}"
+                        Notice.PROGRESS, f"{kept.text(shown)}: the own value {kept.value} is not written back: {error}"
                     )
                     continue
             else:
                 text = f"{kept.text(shown)} is the drive's own value now, {kept.value} before: another tool wrote it"
             del self._values[kept.address]
             if text:
-                self._notify("status", text)
+                self._notify(Notice.PROGRESS, text)
 
     def carry(self, carried: Collection[ObjectAddress], *, off: bool) -> None:
         """At a start of the node, before it is asked for its limits: write back what the gateway does not overwrite from now on.
@@ -183,7 +187,7 @@ class OwnValueKeeper:
         if data := self._read(*address):
             self._values[address] = OwnValue(*address, len(data), int.from_bytes(data, "little"))
         elif data is not None:
-            self._notify("status", f"{address[0]:04X}h cannot be read now: its own value is not kept")
+            self._notify(Notice.PROGRESS, f"{address[0]:04X}h cannot be read now: its own value is not kept")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object by SDO in operation; its own value is saved before. Dsp402Error if it cannot be read."""

@@ -13,6 +13,7 @@ from typing import Final
 from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.node.node import Notice
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo
@@ -63,7 +64,7 @@ class RpdoSender:
         feedback: DriveFeedback,
         mode: ModeCheck,
         wake: Callable[[], None],
-        notify: Callable[[str, str], None],
+        notify: Callable[[Notice, str], None],
     ) -> None:
         self._network = network
         self._feedback = feedback
@@ -236,7 +237,7 @@ class RpdoSender:
         if refused or now - self._held_since > self._hold_limit_ns:
             self.set_point_refused = True
             cause = refused[0] if refused else f"data not written within {self._hold_limit_ns // MS} ms"
-            self._notify("set-point", f"not started: {cause}")
+            self._notify(Notice.SET_POINT_REFUSED, f"not started: {cause}")
         return False
 
     # -- in the node's task: objects outside the RPDOs -----------------------------------------------------------------
@@ -258,7 +259,7 @@ class RpdoSender:
             text = f"{values.entry}: {error}"
             if text != values.error:  # log it once until it changes
                 values.error = text
-                self._notify("status", f"object without PDO: {text}")
+                self._notify(Notice.PROGRESS, f"object without PDO: {text}")
             values.retry_at = now + _RETRY_VALUE_NS
             # A setpoint that started meanwhile allows a new attempt.
             values.refused = data if held_since == self._held_since else None

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from pdgw.base.durations import MS
+from pdgw.ds301.node.node import NodeNotice
 from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorChannel
 from pdgw.gateway.axis.settings import SensorSettings
@@ -18,7 +19,6 @@ from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import (
     EncoderInput,
     News,
-    NodeNotice,
     Outputs,
     RestartAsked,
     SdoAnswer,

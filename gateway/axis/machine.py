@@ -13,6 +13,7 @@ from typing import Final
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, StatusBit, enables
@@ -51,8 +52,6 @@ from pdgw.gateway.axis.values import (
     Configured,
     FaultRead,
     Inputs,
-    NodeNotice,
-    Notice,
     Outputs,
     PresetAnswer,
     ProbeAnswer,

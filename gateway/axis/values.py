@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
+from pdgw.ds301.node.node import NodeNotice
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.orders import Brake
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason, warning_bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,34 +20,6 @@ class SdoWrite:
     index: int
     subindex: int
     value: int
-
-
-class Notice(enum.Enum):
-    """Events of a node."""
-
-    EMERGENCY = "EMCY"
-    BOOT = "boot-up during operation"
-    REFUSED = "wrong device or configuration"
-    SET_POINT_REFUSED = "data of a setpoint rejected"
-    LOST = "lost after it was online"
-    BUS_LOST = "CAN bus lost"
-    OFF = "without power before it was configured"
-    UNITS_CHANGED = "an object that defines its units has changed"
-    ONLINE = "in operation"
-    ABSENT = "does not answer"
-    PROGRESS = "anything else"
-
-
-@dataclass(frozen=True, slots=True)
-class NodeNotice:
-    """``code``, ``register`` and ``data`` (the manufacturer's bytes) are an EMCY's; ``time_ns`` is monotonic."""
-
-    notice: Notice
-    text: str
-    time_ns: int
-    code: int = 0
-    register: int = 0
-    data: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +115,8 @@ class FaultRecord:
     is_warning: bool = False
     is_bare: bool = False
     """The device shows a fault, and no code of it can be read."""
+    by: By | None = None
+    """Who caused it, where the row of its number does not say so."""
 
     @property
     def of_device(self) -> bool:
@@ -155,10 +129,10 @@ class FaultRecord:
         return not self.is_bare and self.code not in CANOPEN_ERRORS
 
 
-def gateway_fault(number: FaultNumber, detail: str, now: int) -> FaultRecord:
+def gateway_fault(number: FaultNumber, detail: str, now: int, by: By | None = None) -> FaultRecord:
     """A fault of the gateway's own table."""
     fault = GATEWAY_FAULTS[number]
-    return FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning)
+    return FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning, by=by)
 
 
 class EncoderInput(Protocol):

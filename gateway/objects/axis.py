@@ -11,7 +11,7 @@ from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.node.client import NodeClient
-from pdgw.ds301.node.node import NodeEvent
+from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive_type import DriveFault, Scaling
 from pdgw.dsp402.objects import ABORT_OPTION, CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
@@ -112,9 +112,9 @@ class Axis(DriveObject):
     def outputs(self) -> Outputs:
         return self.machine.outputs
 
-    def on_node_event(self, event: NodeEvent) -> None:
-        super().on_node_event(event)
-        if event.kind == "references":
+    def on_node_event(self, notice: NodeNotice) -> None:
+        super().on_node_event(notice)
+        if notice.notice is Notice.UNITS_READ:
             self.references_changed()
 
     # -- cyclic -------------------------------------------------------------------------------------------------------

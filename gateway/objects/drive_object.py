@@ -17,13 +17,11 @@ from typing import Any, ClassVar
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, NMT, PRODUCER_HEARTBEAT, NmtCommand
 from pdgw.ds301.node.client import NodeClient
-from pdgw.ds301.node.node import Loss, NodeEvent, NodeStatus
+from pdgw.ds301.node.node import NodeNotice, NodeStatus
 from pdgw.gateway.axis.values import (
     Events,
     FaultRecord,
     News,
-    NodeNotice,
-    Notice,
     Outputs,
     RestartAsked,
     SdoAnswer,
@@ -31,7 +29,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
     is_answer,
 )
-from pdgw.gateway.base.reasons import AxisState, By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import AxisState, FaultNumber, Finding, Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.enable_status import EnableStatus, untimed
@@ -44,24 +42,6 @@ log = logging.getLogger("gateway")
 
 OWNED = frozenset({(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0)})
 """Objects of the mutual monitoring of gateway and device."""
-_NOTICE_OF_KIND = {
-    "emcy": Notice.EMERGENCY,
-    "boot": Notice.BOOT,
-    "refused": Notice.REFUSED,
-    "set-point": Notice.SET_POINT_REFUSED,
-    "off": Notice.OFF,
-    "units": Notice.UNITS_CHANGED,
-    "slow": Notice.PROGRESS,
-}
-_NOTICE_OF_STATUS = {
-    NodeStatus.LOST: Notice.LOST,
-    NodeStatus.ONLINE: Notice.ONLINE,
-    NodeStatus.OFFLINE: Notice.ABSENT,
-}
-
-
-_BY_LOSS = {None: None, Loss.OWN_STOP: By.GATEWAY, Loss.OTHER_MASTER: By.OTHER_MASTER}
-_LOSSES = (FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED)
 
 
 class DriveObject(abc.ABC):
@@ -316,7 +296,7 @@ class DriveObject(abc.ABC):
         if cause := self.bus_cause(record):
             record = replace(record, text=f"{record.text.partition('; ')[0]}: {cause}")
         self.fault_log.enter(record)
-        self.origins.enter(record, _BY_LOSS[self.client.loss] if record.number in _LOSSES else None)
+        self.origins.enter(record)
         kind = "warning" if record.is_warning else "fault"
         text = f"{kind} {record.number}: {record.text}"
         self._happened(text, stops=not record.is_warning)
@@ -331,15 +311,9 @@ class DriveObject(abc.ABC):
             extra={"event": kind, "do": self.do_id, "fault": int(record.number)},
         )
 
-    def on_node_event(self, event: NodeEvent) -> None:
-        """Event of the node's client; the next step processes it."""
-        notice = _NOTICE_OF_KIND.get(event.kind)
-        if notice is None:
-            notice = _NOTICE_OF_STATUS.get(self.client.status, Notice.PROGRESS)
-            if notice is Notice.LOST and self.client.bus_failed:
-                notice = Notice.BUS_LOST
-        text = self.client.status_text if notice in (Notice.LOST, Notice.BUS_LOST) else event.text
-        self._news.append(NodeNotice(notice, text, event.time_ns, event.code, event.register, event.data))
+    def on_node_event(self, notice: NodeNotice) -> None:
+        """What has happened to the node; the next step processes it."""
+        self._news.append(notice)
         if (status := self.client.status) is not self._shown_status:
             self._shown_status = status
             self.log_event("node", self.do_id, f"node {self.node_id}: {status.value}", 0)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.client import NodeClient
-from pdgw.ds301.node.node import NodeEvent
+from pdgw.ds301.node.node import NodeNotice
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.dsp406.encoder import EncoderClient
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters, position_of, speed_of
@@ -43,9 +43,9 @@ class EncoderNode:
         channels = tuple(config.channel for config in configs)
         self.client = EncoderClient(network, configs[0].settings(channels, cycle_time_ms), self._on_event)
 
-    def _on_event(self, event: NodeEvent) -> None:
+    def _on_event(self, notice: NodeNotice) -> None:
         for item in self.objects:
-            item.on_node_event(event)
+            item.on_node_event(notice)
 
 
 class ChannelInput:

@@ -58,7 +58,7 @@ class Origin:
     """How often its fault was reported."""
 
     @classmethod
-    def of(cls, record: FaultRecord, by: By | None = None) -> Origin:
+    def of(cls, record: FaultRecord) -> Origin:
         """That of a fault; its text may end with a remedy."""
         fault, time = GATEWAY_FAULTS.get(record.number), record.time_ns
         evidence, remedy = record.text, ""
@@ -66,7 +66,7 @@ class Origin:
             evidence, _, remedy = evidence.partition("; ")
         if fault is None:
             return cls(By.DRIVE, evidence, time, remedy or emcy_remedy(record.code), record.number, time, 1)
-        return cls(by or fault.by, evidence, time, remedy or fault.remedy, record.number, time, 1)
+        return cls(record.by or fault.by, evidence, time, remedy or fault.remedy, record.number, time, 1)
 
 
 def clock(time_ns: int, loop: Loop) -> str:
@@ -104,8 +104,8 @@ class Origins:
             return self._recalled
         return since(origin, loop)
 
-    def enter(self, record: FaultRecord, by: By | None = None) -> None:
-        """A fault is reported. ``by``: who caused it, where its row of the table does not say so."""
+    def enter(self, record: FaultRecord) -> None:
+        """A fault is reported."""
         present, fault = self.present, GATEWAY_FAULTS.get(record.number)
         if record.is_warning:
             return
@@ -124,7 +124,7 @@ class Origins:
                 and record.time_ns - present.first_ns < EMERGENCY_PATIENCE_NS
             )
         ):
-            self.present = Origin.of(record, by)
+            self.present = Origin.of(record)
 
     def released(self, now: int) -> None:
         """The drive follows the PLC, and nothing of this cycle stops it."""

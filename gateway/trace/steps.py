@@ -49,6 +49,7 @@ _KIND: Final = ""
 """Key of the kind of a value that JSON does not have."""
 _VALUE: Final = "is"
 HOMES: Final = (
+    "pdgw.ds301.node.node",
     "pdgw.ds301.objects",
     "pdgw.ds301.pdo",
     "pdgw.dsp402.drive_type",

@@ -17,6 +17,7 @@ from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.communication import NMT, STORE_PARAMETERS, NmtCommand
 from pdgw.ds301.loop.loop import Event
+from pdgw.ds301.node.node import Notice
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus, load_eds
@@ -155,7 +156,7 @@ def test_a_node_of_another_type_is_refused_by_name(
     plant.connect(eds=EDS_PATH)
     text = plant.refused()
     assert re.search(message, text), text
-    assert [event.kind for event in plant.events][-1] == "refused"
+    assert plant.events[-1].notice is Notice.REFUSED
 
 
 def test_drive_without_a_product_code_is_online_with_its_data_sheet(plant: Plant) -> None:
@@ -202,7 +203,7 @@ def test_a_restart_of_the_drive_is_noticed_and_configured_again(plant: Plant) ->
     client = plant.connected()
     drive.do(lambda node: node.receive(0, bytes((0x81, NODE)), node.now))
     plant.online(2)
-    assert "boot" in [event.kind for event in plant.events]
+    assert Notice.BOOT in [event.notice for event in plant.events]
     assert drive.node.read(0x1016, 1) == 127 << 16 | 300
     assert client.drive_type is not None
     assert client.drive_type.scaling == engel().scaling
@@ -216,7 +217,7 @@ def test_unexpected_error_in_a_drives_task_sets_it_offline(plant: Plant) -> None
     client._acyclic_due = 0
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert client.refresh(site.now()) is False
-    assert plant.events[-1].kind == "refused"
+    assert plant.events[-1].notice is Notice.REFUSED
 
 
 def test_last_sign_of_a_drive_includes_heartbeats(plant: Plant) -> None:
@@ -231,8 +232,8 @@ def test_emergencies_are_passed_on_with_their_code(plant: Plant) -> None:
     drive = plant.power_on()
     plant.connected()
     drive.inject(4)
-    site.wait_for(lambda: any(event.kind == "emcy" for event in plant.events), "EMCY")
-    event = next(event for event in plant.events if event.kind == "emcy")
+    site.wait_for(lambda: any(event.notice is Notice.EMERGENCY for event in plant.events), "EMCY")
+    event = next(event for event in plant.events if event.notice is Notice.EMERGENCY)
     assert (event.code, event.register) == (0x3210, 0x05)
 
 
@@ -325,7 +326,7 @@ def test_unreadable_values_are_a_loss(plant: Plant) -> None:
     client = plant.connected(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
     drive.do(lambda node: node.start_fault("sdo-timeout"))
     site.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
-    assert any("lost: objects without PDO could not be read 3 times" in event.text for event in plant.events)
+    assert any("objects without PDO could not be read 3 times" in event.text for event in plant.events)
     drive.do(lambda node: node.end_fault("sdo-timeout"))
     plant.online(2)
 
@@ -342,7 +343,7 @@ def test_values_that_are_not_read_during_a_long_job_are_a_loss(plant: Plant) -> 
     assert not client.refresh(site.now())
     release.set()
     site.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
-    assert any("lost: objects without PDO were not read for 450 ms" in event.text for event in plant.events)
+    assert any("objects without PDO were not read for 450 ms" in event.text for event in plant.events)
     plant.online(2)
 
 

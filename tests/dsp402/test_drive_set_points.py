@@ -13,6 +13,7 @@ from pdgw.base.durations import MS
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.loop.loop import Event
+from pdgw.ds301.node.node import Notice
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.client import DriveClient
@@ -68,7 +69,7 @@ class TwoPdos:
 
     @property
     def reported(self) -> list[str]:
-        return [event.text for event in self.plant.events if event.kind == "set-point"]
+        return [event.text for event in self.plant.events if event.notice is Notice.SET_POINT_REFUSED]
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import SYNC_COUNTER, SYNC_PERIOD, NmtCommand, NmtState
 from pdgw.ds301.loop.loop import Event
+from pdgw.ds301.node.node import Notice
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.sdo_transfer import ABORT
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
@@ -496,8 +497,8 @@ def test_loss_of_the_heartbeat_is_reported_once(plant: Plant) -> None:
     drive.do(lambda node: node.start_fault("heartbeat-stops"))
     site.wait_for(lambda: starts() >= 3, "brought up again and again", 60)
     assert [event.text for event in plant.events if "online" in event.text] == ["online: operational, configuration 1"]
-    assert len([event for event in plant.events if event.text.startswith("lost")]) == 1
-    assert len({event.text for event in plant.events if event.kind == "refused"}) == 1, "one text is one fault"
+    assert len([event for event in plant.events if event.notice is Notice.LOST]) == 1
+    assert len({event.text for event in plant.events if event.notice is Notice.REFUSED}) == 1, "one text is one fault"
     drive.do(lambda node: node.end_fault())
     plant.online(2)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.node.node import NodeStatus
-from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings
+from pdgw.ds301.node.node import NodeNotice, NodeStatus
+from pdgw.dsp406.encoder import EncoderClient, EncoderSettings
 from pdgw.dsp406.kinds import ROTARY, EncoderDevice
 from pdgw.peers.encoder import Motion, SimulatedEncoder
 from tests.support.gateways import site
@@ -18,7 +18,7 @@ class Plant:
 
     def __init__(self, network: CanNetwork) -> None:
         self.network = network
-        self.events: list[EncoderEvent] = []
+        self.events: list[NodeNotice] = []
         self.encoder: SimulatedEncoder | None = None
         self.client: EncoderClient | None = None
 

@@ -11,7 +11,7 @@ from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import SYNC_COUNTER, NmtCommand, NmtState
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.loop.loop import Event
-from pdgw.ds301.node.node import NodeStatus
+from pdgw.ds301.node.node import NodeStatus, Notice
 from pdgw.ds301.objects import Entry
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderSettings, load_eds
@@ -140,8 +140,8 @@ def test_emergencies_alarms_and_warnings_arrive(plant: Plant) -> None:
     site.wait_for(lambda: (feedback.alarms, feedback.warnings) == (1, 1 << 4), "diagnostics")
     assert feedback.error_register == 0x21
     encoder.inject("input-voltage")
-    site.wait_for(lambda: len([event for event in plant.events if event.kind == "emcy"]) == 2, "EMCY")
-    texts = [event.text for event in plant.events if event.kind == "emcy"]
+    site.wait_for(lambda: len([event for event in plant.events if event.notice is Notice.EMERGENCY]) == 2, "EMCY")
+    texts = [event.text for event in plant.events if event.notice is Notice.EMERGENCY]
     assert texts == ["EMCY 1000h generic error", "EMCY 3110h input voltage out of range"]
     encoder.clear()
     site.wait_for(lambda: client.feedback.alarms == 0 and client.feedback.error_register == 0, "cleared")
@@ -348,6 +348,6 @@ def test_emcy_burst_is_passed_on_without_a_loss(plant: Plant) -> None:
     client = plant.connect()
     plant.online()
     encoder.do(lambda node: node.start_fault("emcy-burst"))
-    site.wait_for(lambda: [event for event in plant.events if event.kind == "emcy"], "EMCY")
+    site.wait_for(lambda: [event for event in plant.events if event.notice is Notice.EMERGENCY], "EMCY")
     assert site.result(client.submit(lambda encoder: encoder.sdo.read_number(0x6004))) == 4096
     assert client.generation == 1

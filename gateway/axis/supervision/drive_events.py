@@ -12,13 +12,14 @@ from typing import Final, Generic, TypeVar
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.emcy import GENERIC_ERROR, emcy_text
+from pdgw.ds301.node.node import Loss, NodeNotice, Notice
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
-from pdgw.gateway.axis.values import CANOPEN_ERRORS, FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
-from pdgw.gateway.base.reasons import EMCY_WARNING, INTERNAL_FAULT, FaultNumber
+from pdgw.gateway.axis.values import CANOPEN_ERRORS, FaultRead, FaultRecord, Outputs, gateway_fault
+from pdgw.gateway.base.reasons import EMCY_WARNING, INTERNAL_FAULT, By, FaultNumber
 
 K = TypeVar("K")
 SAME_EVENT_NS: Final = SECOND
@@ -48,6 +49,7 @@ _FAULTS: Final = {
     Notice.BUS_LOST: FaultNumber.BUS_LOST,
 }
 """Notices that are a fault each time."""
+_BY: Final = {None: None, Loss.OWN_STOP: By.GATEWAY, Loss.OTHER_MASTER: By.OTHER_MASTER}
 _RESTARTING: Final = (Notice.BOOT, Notice.LOST, Notice.BUS_LOST)
 _LOCAL: Final = "switch off what enables the drive: its panel, another tool, or enable at power-on"
 _BELOW: Final = (
@@ -172,7 +174,7 @@ class NodeWatch:
         self._outputs.happened().log_lines.append(f"node {text}")
 
     def _raise(self, number: FaultNumber, notice: NodeNotice) -> None:
-        self._outputs.fault(gateway_fault(number, notice.text, notice.time_ns))
+        self._outputs.fault(gateway_fault(number, notice.text, notice.time_ns, _BY[notice.by]))
 
     def set_error_code(self, code: int) -> None:
         """An error code of the drive, by EMCY or read."""

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import pytest
 
+from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.ds301.node.planner import found_in_data_sheet
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.pdo.planner import plan_pdos
 from pdgw.gateway.axis.executors.message_words import namur_word
-from pdgw.gateway.axis.values import NodeNotice, Notice
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.profidrive.signals import signal
 from tests.support.axis.rig import Rig

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
+from pdgw.ds301.node.node import NodeNotice, Notice
+from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
 from pdgw.gateway.base.errors import GatewayError
@@ -125,72 +126,57 @@ def test_a_request_that_is_withdrawn_before_its_first_write_is_not_performed(axi
 
 
 def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: Axis) -> None:
-    def announce(status: DriveStatus, text: str) -> None:
-        axis.drive.status = status
-        kind = "refused" if status is DriveStatus.REFUSED else "status"
-        axis.on_node_event(DriveEvent(kind, text, time_ns=1))
+    def announce(notice: Notice, text: str) -> None:
+        axis.on_node_event(NodeNotice(notice, text, 1))
         axis.step(None, 1)
 
     for _ in range(3):
-        announce(DriveStatus.CONFIGURING, "checking identity")
-        announce(DriveStatus.REFUSED, "wrong vendor")
+        announce(Notice.PROGRESS, "checking identity")
+        announce(Notice.REFUSED, "wrong vendor")
     assert [fault.number for fault in axis.faults] == [106]
-    announce(DriveStatus.REFUSED, "wrong product")
-    announce(DriveStatus.ONLINE, "operational")
-    announce(DriveStatus.REFUSED, "wrong product")
+    announce(Notice.REFUSED, "wrong product")
+    announce(Notice.ONLINE, "operational")
+    announce(Notice.REFUSED, "wrong product")
     assert [fault.number for fault in axis.faults] == [106, 106, 106]
 
 
-@pytest.mark.parametrize(("healthy", "number"), [(True, 101), (False, 102)])
-def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: bool, number: int) -> None:
-    axis.drive.status = DriveStatus.LOST
-    axis.network.healthy = healthy
-    axis.on_node_event(DriveEvent("status", "lost", time_ns=1))
+@pytest.mark.parametrize(("notice", "number"), [(Notice.LOST, 101), (Notice.BUS_LOST, 102)])
+def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, notice: Notice, number: int) -> None:
+    axis.on_node_event(NodeNotice(notice, "lost", 1))
     axis.step(None, 1)
     assert [fault.number for fault in axis.faults] == [number]
 
 
 @pytest.mark.parametrize(
-    ("kind", "status", "healthy", "number"),
+    ("notice", "number"),
     [
-        ("boot", DriveStatus.ONLINE, True, FaultNumber.NODE_RESTARTED),
-        ("status", DriveStatus.LOST, True, FaultNumber.NODE_LOST),
-        ("status", DriveStatus.LOST, False, FaultNumber.BUS_LOST),
+        (Notice.BOOT, FaultNumber.NODE_RESTARTED),
+        (Notice.LOST, FaultNumber.NODE_LOST),
+        (Notice.BUS_LOST, FaultNumber.BUS_LOST),
     ],
     ids=["boot", "lost", "bus lost"],
 )
 def test_a_requested_restart_is_not_a_fault_and_the_next_one_is(
-    axis: Axis, kind: str, status: DriveStatus, healthy: bool, number: FaultNumber
+    axis: Axis, notice: Notice, number: FaultNumber
 ) -> None:
-    def announce(kind: str, status: DriveStatus) -> None:
-        axis.drive.status = status
-        axis.on_node_event(DriveEvent(kind, "told", time_ns=1))
+    def announce(notice: Notice) -> None:
+        axis.on_node_event(NodeNotice(notice, "told", 1))
         axis.step(None, 1)
 
-    axis.network.healthy = healthy
     axis.reset_node()
-    announce(kind, status)
-    announce(kind, status)
+    announce(notice)
+    announce(notice)
     assert not axis.faults
-    announce("status", DriveStatus.ONLINE)
-    announce(kind, status)
+    announce(Notice.ONLINE)
+    announce(notice)
     assert [fault.number for fault in axis.faults] == [number]
-
-
-@pytest.mark.parametrize("status", [DriveStatus.CONFIGURING, DriveStatus.OFFLINE])
-def test_what_a_drive_does_on_a_lost_bus_is_not_a_second_loss(axis: Axis, status: DriveStatus) -> None:
-    axis.drive.status = status
-    axis.network.healthy = False
-    axis.on_node_event(DriveEvent("status", "tried again", time_ns=1))
-    axis.step(None, 1)
-    assert 102 not in [fault.number for fault in axis.faults]
 
 
 @pytest.mark.parametrize(("code", "number"), [(0x2310, 7), (0x1234, 10)])
 def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number: int) -> None:
     axis.drive.drive_type = engel()
     axis.references_changed()
-    axis.on_node_event(DriveEvent("emcy", "EMCY", code, 1, b"\x01\x00\x00\x00\x00", 1))
+    axis.on_node_event(NodeNotice(Notice.EMERGENCY, "EMCY", 1, code, 1, b"\x01\x00\x00\x00\x00"))
     axis.step(None, 1)
     axis.step(None, 1 + EMERGENCY_PATIENCE_NS)
     fault = axis.faults[0]
@@ -198,7 +184,7 @@ def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number
 
 
 def test_the_end_of_an_emergency_is_not_a_fault(axis: Axis) -> None:
-    axis.on_node_event(DriveEvent("emcy", "EMCY 0000h no error", 0, 0, bytes(5), 1))
+    axis.on_node_event(NodeNotice(Notice.EMERGENCY, "EMCY 0000h no error", 1, 0, 0, bytes(5)))
     axis.step(None, 1)
     assert not axis.faults
 

@@ -9,7 +9,8 @@ import pytest
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
+from pdgw.ds301.node.node import NodeNotice, Notice
+from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.base.reasons import EMCY_WARNING, FIRST_WARNING, FaultNumber, Reason, warning_bits
@@ -130,7 +131,7 @@ def show_fault(axis: Axis) -> None:
 
 
 def emcy(axis: Axis, code: int, register: int = 1, now: int = 1) -> None:
-    axis.on_node_event(DriveEvent("emcy", f"EMCY {code:04X}h", code, register, bytes(5), now))
+    axis.on_node_event(NodeNotice(Notice.EMERGENCY, f"EMCY {code:04X}h", now, code, register, bytes(5)))
     axis.step(None, now)
 
 
@@ -163,7 +164,7 @@ def test_emergencies_with_a_counter_in_their_data_are_counted_once_a_second(axis
     show_fault(axis)
     for count in range(3000):
         counter = count.to_bytes(5, "little")
-        axis.on_node_event(DriveEvent("emcy", "EMCY FF00h", 0xFF00, 1, counter, (1 + count) * MS))
+        axis.on_node_event(NodeNotice(Notice.EMERGENCY, "EMCY FF00h", (1 + count) * MS, 0xFF00, 1, counter))
         if count == 1500:
             emcy(axis, 0x2310, now=(1 + count) * MS)
         axis.step(None, (1 + count) * MS)
@@ -208,7 +209,7 @@ def test_an_emergency_without_an_error_is_a_warning_until_its_end(axis: Axis) ->
     emcy(axis, 0x2310, register=0, now=1)
     axis.step(None, 1 + EMERGENCY_PATIENCE_NS)
     assert axis.outputs.warning == EMCY_WARNING, "P953"
-    axis.on_node_event(DriveEvent("status", "mapping PDOs", time_ns=SECOND))
+    axis.on_node_event(NodeNotice(Notice.PROGRESS, "mapping PDOs", SECOND))
     axis.step(None, SECOND)
     assert axis.outputs.warning == EMCY_WARNING
     emcy(axis, 0, register=0, now=SECOND)
@@ -221,7 +222,7 @@ def test_the_log_has_each_reason_fault_and_message_of_the_node_once(
     caplog.set_level("INFO", logger="gateway")
     steps.enable()
     steps(ON, *[State.OPERATION_ENABLED] * 5)
-    steps.axis.on_node_event(DriveEvent("status", "operational, configuration 1", time_ns=1))
+    steps.axis.on_node_event(NodeNotice(Notice.ONLINE, "operational, configuration 1", 1))
     steps(ON, *[State.OPERATION_ENABLED] * 2)
     steps.speed = 0x1000
     steps.axis.drive.feedback.velocity_actual = 300
@@ -243,24 +244,23 @@ def test_the_log_has_each_reason_fault_and_message_of_the_node_once(
 
 
 def test_a_drive_that_does_not_answer_is_fault_121_once(axis: Axis) -> None:
-    def announce(status: DriveStatus, text: str) -> None:
-        axis.drive.status = status
-        axis.on_node_event(DriveEvent("status", text, time_ns=1))
+    def announce(notice: Notice, text: str) -> None:
+        axis.on_node_event(NodeNotice(notice, text, 1))
         axis.step(None, 1)
 
     for count in range(3):
-        announce(DriveStatus.CONFIGURING, "checking identity")
-        announce(DriveStatus.OFFLINE, f"no answer {count}")
+        announce(Notice.PROGRESS, "checking identity")
+        announce(Notice.ABSENT, f"no answer {count}")
     assert [fault.number for fault in axis.faults] == [121]
-    announce(DriveStatus.ONLINE, "operational")
-    announce(DriveStatus.OFFLINE, "no answer")
+    announce(Notice.ONLINE, "operational")
+    announce(Notice.ABSENT, "no answer")
     assert [fault.number for fault in axis.faults] == [121, 121]
 
 
 def test_a_setpoint_the_drive_does_not_accept_is_warning_119_and_the_reason(steps: Steps) -> None:
     steps.enable()
     steps.axis.drive.rpdos.set_point_refused = True
-    steps.axis.on_node_event(DriveEvent("set-point", "not started: 6083h", time_ns=1))
+    steps.axis.on_node_event(NodeNotice(Notice.SET_POINT_REFUSED, "not started: 6083h", 1))
     steps(ON, State.OPERATION_ENABLED)
     assert steps.numbers == [119]
     assert steps.axis.outputs.warning == 1 << 119 - FIRST_WARNING, "P953"

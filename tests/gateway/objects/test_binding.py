@@ -8,7 +8,8 @@ from contextlib import contextmanager
 import pytest
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
+from pdgw.ds301.node.node import NodeNotice, Notice
+from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
@@ -53,7 +54,7 @@ def test_what_the_plc_sent_last_stays_after_its_loss() -> None:
 def test_a_reported_refusal_is_not_repeated_because_the_telegram_changed() -> None:
     def refused(item: Axis) -> None:
         item.drive.status = DriveStatus.REFUSED
-        item.on_node_event(DriveEvent("refused", "wrong vendor", time_ns=1))
+        item.on_node_event(NodeNotice(Notice.REFUSED, "wrong vendor", 1))
         item.step(None, 1)
 
     with made(1) as item:

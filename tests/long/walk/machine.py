@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Sequence
 
 from pdgw.base.durations import SECOND
+from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.demand_report import Flag
@@ -12,7 +13,7 @@ from pdgw.gateway.axis.interlock import _limits
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
+from pdgw.gateway.axis.values import Configured, SdoAnswer
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback, attributes
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
@@ -15,7 +16,7 @@ from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.power_states import Drive
 from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
-from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, NodeNotice, Notice, SdoAnswer, SdoWrite
+from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, SdoAnswer, SdoWrite
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
 from tests.support.axis.positioner import CHOICES

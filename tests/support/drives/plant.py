@@ -9,7 +9,8 @@ import can
 
 from pdgw.base.durations import MS
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.dsp402.drive.client import DriveClient, DriveEvent, DriveStatus
+from pdgw.ds301.node.node import NodeNotice
+from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.modes import Mode
@@ -27,7 +28,7 @@ class Plant:
 
     def __init__(self, network: CanNetwork) -> None:
         self.network = network
-        self.events: list[DriveEvent] = []
+        self.events: list[NodeNotice] = []
         self.drive: SimulatedDrive | None = None
         self.client: DriveClient | None = None
 

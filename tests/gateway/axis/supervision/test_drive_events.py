@@ -7,12 +7,13 @@ from fractions import Fraction
 import pytest
 
 from pdgw.ds301.emcy import GENERIC_ERROR
+from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import ChannelErrorType, DriveFault
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement, DriveWatch, NodeWatch
-from pdgw.gateway.axis.values import FaultRead, NodeNotice, Notice, Outputs
+from pdgw.gateway.axis.values import FaultRead, Outputs
 from tests.gateway.axis.supervision.test_stop_supervision import CYCLE, QUICK_STOP, REACTION, turning, without_reaction
 from tests.gateway.axis.test_velocity import CONTROL
 from tests.support.axis.hand import OFF, ON, Hand
