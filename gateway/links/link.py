@@ -20,6 +20,7 @@ from pdgw.gateway.links.cyclic import USUAL, CyclicEndpoint
 from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.profidrive.telegrams import Telegram
+from pdgw.profinet.rpc.server import RpcServer
 
 log = logging.getLogger("gateway")
 
@@ -48,6 +49,15 @@ def discard_waiting(receive: Callable[[], object]) -> bool:
         if receive() is None:
             return number > 0
     return True
+
+
+def watch_calls(server: RpcServer[Address], counters: Counters, part: str) -> None:
+    """Count the calls that are not served as others are, and log the first one of each caller that gets no answer."""
+    add = partial(counters.add, part)
+    add("malformed", "datagrams", "not RPC packets", lambda: server.malformed)
+    add("repeated", "calls", "answered again", lambda: server.repeated)
+    add("dropped", "calls", "not answered: older than the last call, or fragments missing", lambda: server.dropped)
+    server.on_dropped = lambda source, why: log.warning("call from %s:%d not answered: %s", *source, why)
 
 
 class FrameRecorder(Protocol):

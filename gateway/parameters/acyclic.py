@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.gateway.base.udp import Address
+from pdgw.gateway.links.link import watch_calls
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.parameters.records import Records
@@ -38,13 +39,11 @@ class AcyclicServer:
             records.of, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF
         )
         self.server.on_error = partial(daemon.loop.unexpected, _CALL)
+        watch_calls(self.server, daemon.loop.counters, "records")
         self._datagrams: deque[tuple[bytes, Address]] = deque()
         self._filled = Event(daemon.loop)
         self._task: Task | None = None
-        add = daemon.loop.counters.add
-        add("records", "malformed", "datagrams", "not RPC packets", lambda: self.server.malformed)
-        add("records", "repeated", "calls", "answered again", lambda: self.server.repeated)
-        add("records", "errors", "datagrams", "send or receive failed", lambda: self.port.errors)
+        daemon.loop.counters.add("records", "errors", "datagrams", "send or receive failed", lambda: self.port.errors)
 
     @property
     def address(self) -> Address:

@@ -1,8 +1,8 @@
 """The server's side of connectionless RPC, and the record service on it: datagrams in, datagrams out.
 
-Each call (activity and sequence number) is executed once: a repetition is answered with the kept answer. Calls are answered
-at once; a record whose data is not ready is a "state conflict", and the PLC repeats its read. What a caller can make this side
-keep is bounded: callers, unfinished calls, their size and their age.
+Each call (interface, activity and sequence number) is executed once: a repetition is answered with the kept answer. Calls are
+answered at once; a record whose data is not ready is a "state conflict", and the PLC repeats its read. What a caller can make
+this side keep is bounded: callers, unfinished calls, their size and their age.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pdgw.profinet.rpc import dcerpc, records
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader
 
 _ACTIVITIES = 64
-"""Callers remembered; the longest silent one is forgotten first."""
+"""Callers remembered; the longest silent one is forgotten first. The log names this number of them."""
 _UNFINISHED = 8
 """Calls of which fragments are missing; the oldest is forgotten first."""
 FRAGMENT_TIMEOUT_NS = 2 * SECOND
@@ -33,11 +33,13 @@ Source = TypeVar("Source", bound=Hashable)
 
 Interface = tuple[UUID, int]
 """Interface UUID and version."""
+_Key = tuple[Source, UUID, UUID]
+"""Caller, interface and activity. The sequence numbers of an activity rise for each interface of its own (C706)."""
 
 
 @dataclass(slots=True)
 class _Call:
-    """The newest call of an activity."""
+    """The newest call of an activity to an interface."""
 
     sequence: int
     reassembly: Reassembly
@@ -64,13 +66,18 @@ class RpcServer(Generic[Source]):
         self._interfaces = interfaces
         self._limit = limit
         self._boot_time = boot_time
-        self._calls: OrderedDict[tuple[Source, UUID], _Call] = OrderedDict()
+        self._calls: OrderedDict[_Key[Source], _Call] = OrderedDict()
+        self._named: set[Source] = set()
         self.on_error: Callable[[Exception], None] = _raise
         """Called with an unexpected error in a call. If it returns, the caller gets a FAULT, and the next call is served."""
         self.malformed = 0
         """Datagrams that were no RPC packets."""
         self.repeated = 0
         """Calls answered again."""
+        self.dropped = 0
+        """Calls without an answer: older than the last one of their activity, or too many with fragments missing."""
+        self.on_dropped: Callable[[Source, str], object] = lambda source, why: None
+        """Called with the first of them for each caller, and why."""
 
     def receive(self, data: bytes, source: Source, now: int = 0) -> list[bytes]:
         """The answers to one datagram of ``source``. Without a clock (0) unfinished calls are bounded by their number alone."""
@@ -83,7 +90,7 @@ class RpcServer(Generic[Source]):
 
     def serve(self, header: RpcHeader, body: bytes, source: Source, now: int) -> list[bytes]:
         """As ``receive``, of a packet that is taken apart already."""
-        key = (source, header.activity)
+        key = (source, header.interface, header.activity)
         if header.packet_type is PacketType.REQUEST:
             return self._request(key, header, body, now)
         if header.packet_type is PacketType.PING:
@@ -93,13 +100,15 @@ class RpcServer(Generic[Source]):
             return [dcerpc.encode_packet(header.answer(PacketType.NOCALL))]
         return []
 
-    def _request(self, key: tuple[Source, UUID], header: RpcHeader, body: bytes, now: int) -> list[bytes]:
+    def _request(self, key: _Key[Source], header: RpcHeader, body: bytes, now: int) -> list[bytes]:
         call = self._calls.get(key)
         stale = call is not None and call.answer is None and now - call.since > FRAGMENT_TIMEOUT_NS
         if call is None or call.sequence != header.sequence or stale:
             older = call is not None and (header.sequence - call.sequence) % _SEQUENCES >= _SEQUENCES // 2
             if call is not None and older and now - call.since <= STRAGGLER_NS:
-                return []  # older than the last answered call: delayed on the network
+                # Delayed on the network: older than the last call.
+                self._drop(key, f"sequence number {header.sequence} is below {call.sequence} of its last call")
+                return []
             call = self._calls[key] = _Call(header.sequence, Reassembly(self._limit), now)
             while len(self._calls) > _ACTIVITIES:
                 self._calls.popitem(last=False)
@@ -123,6 +132,14 @@ class RpcServer(Generic[Source]):
         unfinished = [key for key, call in self._calls.items() if call.answer is None]
         for key in unfinished[:-_UNFINISHED]:
             del self._calls[key]
+            self._drop(key, f"more than {_UNFINISHED} calls have fragments missing")
+
+    def _drop(self, key: _Key[Source], why: str) -> None:
+        self.dropped += 1
+        source, interface, activity = key
+        if source not in self._named and len(self._named) < _ACTIVITIES:
+            self._named.add(source)
+            self.on_dropped(source, f"{why} (interface {interface}, activity {activity})")
 
     def _execute(self, header: RpcHeader, body: bytes, source: Source, now: int) -> list[bytes]:
         execute = self._interfaces.get((header.interface, header.interface_version))

@@ -24,7 +24,7 @@ from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
 from pdgw.gateway.links.frame_places import FramePlaces
-from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, discard_waiting, is_punctual, silence
+from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, discard_waiting, is_punctual, silence, watch_calls
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
@@ -156,6 +156,7 @@ class ProfinetLink:
             give_ip=self._keeper.give_ip,
         )
         self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was aborted")
+        watch_calls(self.device.cm.server, loop.counters, "calls")
         self._register_counters(loop.counters)
 
     def _register_counters(self, counters: Counters) -> None:

@@ -344,6 +344,7 @@ def test_eight_unfinished_calls_are_kept_and_of_nine_the_oldest_is_forgotten() -
         for packet in calls[0][1:]:
             answers = server.receive(packet, "plc")
         assert len(answers) == answered
+        assert (server.dropped > 0) is (count == 9)
 
 
 def test_a_fragment_counts_until_the_time_is_over_and_not_after() -> None:

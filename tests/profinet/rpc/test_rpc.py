@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from uuid import UUID
 
@@ -24,7 +24,7 @@ from scapy.layers.l2 import Ether
 from scapy.utils import wrpcap
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet.rpc import dcerpc, identification
+from pdgw.profinet.rpc import dcerpc, epm, identification
 from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType
 from pdgw.profinet.rpc.records import (
@@ -297,8 +297,31 @@ def test_late_packet_of_an_older_call_is_ignored() -> None:
     new = plc.write(0, 0, 1, RECORD_GLOBAL, b"new").packets[0]
     server.receive(old, "plc")
     server.receive(new, "plc")
-    assert server.receive(old, "plc") == []
+    named: list[tuple[str, str]] = []
+    server.on_dropped = lambda *item: named.append(item)
+    for count in (1, 2):
+        assert server.receive(old, "plc") == []
+        assert server.dropped == count
     assert handler.writes == [b"old", b"new"]
+    ((who, why),) = named
+    assert who == "plc"
+    assert why.startswith("sequence number 0 is below 1 of its last call (interface dea00001-")
+
+
+def test_sequence_numbers_of_another_interface_are_independent() -> None:
+    """Some controllers count their look-ups and their calls of one activity apart."""
+    handler = Echo()
+    server = RecordServer(handler, 4096)
+    plc = caller()
+    call = plc.write(0, 0, 1, RECORD_GLOBAL, READ_P965).packets[0]
+    header, body = dcerpc.decode_packet(plc.write(0, 0, 1, RECORD_GLOBAL, b"later").packets[0])
+    lookup = replace(header, interface=epm.INTERFACE[0], interface_version=epm.INTERFACE[1])
+    server.receive(dcerpc.encode_packet(lookup, body), "plc", 0)
+    assert server.receive(call, "plc", 1) != []
+    ping = bytearray(call)
+    ping[1] = PacketType.PING
+    assert server.receive(bytes(ping), "plc", 1) == server.receive(call, "plc", 1)
+    assert (handler.writes, server.dropped) == ([READ_P965], 0)
 
 
 def test_restarted_caller_with_small_sequence_numbers_is_served_later() -> None:

@@ -33,7 +33,8 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
 from pdgw.profinet.connection.cmdev import State
 from pdgw.profinet.discovery import dcp, lldp
-from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
+from pdgw.profinet.rpc.client import RecordCaller
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT, object_uuid
 from pdgw.profinet.station import Identity, IpSuite, Station
 from pdgw.tools.output.status_text import _station
 from tests.fuzz.test_profinet import LEAK
@@ -494,6 +495,20 @@ def test_a_refused_connect_is_in_the_log_with_its_reason_and_repetitions_do_not_
     rig.run(60_000 * MS)
     assert len(ask(data_hold=0)) == 3
     assert rig.link.device.cm.refusals == 103
+
+
+def test_calls_without_an_answer_are_counted_and_the_first_one_is_logged(
+    rig: Rig, caplog: pytest.LogCaptureFixture
+) -> None:
+    calls = RecordCaller(UUID(int=1), object_uuid(1, 1, 1))
+    old, new = (calls.read(0, 0, 1, 0xAFF0, implicit=True).packets[0] for _ in range(2))
+    for packet in (new, old, old, b"no packet"):
+        rig.port.arrive((PLC_IP, ACYCLIC_PORT), packet)
+        rig.run(MS)
+    counters = {item.name: item.read() for item in rig.loop.counters if item.part == "calls"}
+    assert counters == {"malformed": 1, "repeated": 0, "dropped": 2}
+    (line,) = [item.getMessage() for item in caplog.records if "not answered" in item.getMessage()]
+    assert line.startswith("call from 192.168.0.1:34964 not answered: sequence number 0 is below 1 of its last call (")
 
 
 def test_the_end_of_the_daemon_informs_the_controller(rig: Rig) -> None:
