@@ -209,6 +209,8 @@ class Ended:
     event: Event
     status: PnioStatus
     """That of an error from the controller as it was received, else that of the own ERR."""
+    state: State
+    """The state that has ended."""
 
     @property
     def text(self) -> str:
@@ -259,6 +261,8 @@ class ApplicationRelation:
         self.ended: Ended | None = None
         self.has_data = ar.ar_type != ArType.DEVICE_ACCESS
         self.state = State.PARAMETERISING if self.has_data else State.ACCESS
+        self.since_ns = now
+        """When the state began."""
         self.stored: dict[tuple[Subslot, int], bytes] = {}
         """Records written to interface and port, by place and index."""
         self._output = output
@@ -312,7 +316,10 @@ class ApplicationRelation:
     def handle(self, event: Event, now: int, received: PnioStatus | None = None) -> bool:
         """Let something happen; False when a service is refused in this state. ``received``: the status of an error that
         the controller has sent."""
-        self.state, action = TABLE[self.state, event]
+        before = self.state
+        self.state, action = TABLE[before, event]
+        if self.state is not before:
+            self.since_ns = now
         match action:
             case Action.REFUSE:
                 return False
@@ -339,17 +346,17 @@ class ApplicationRelation:
                 if self.machines:
                     error = ABORTS[event].status.value
                     self._output.frame(self.machines[Priority.LOW].error(error))
-                self._end(event, received)
+                self._end(event, before, received)
             case Action.CLOSE:
-                self._end(event, received)
+                self._end(event, before, received)
         return True
 
     def _open(self) -> None:
         if self.provider is not None:
             self.provider.open()
 
-    def _end(self, event: Event, received: PnioStatus | None) -> None:
-        self.ended = Ended(event, received or ABORTS[event].status)
+    def _end(self, event: Event, state: State, received: PnioStatus | None) -> None:
+        self.ended = Ended(event, received or ABORTS[event].status, state)
         self._activity_due = self._ready_due = None
 
     # -- ApplicationReady ---------------------------------------------------------------------------------------------

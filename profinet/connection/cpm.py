@@ -69,6 +69,8 @@ class Consumer:
         """When the last frame was accepted; None: none yet."""
         self.data_ns: int | None = None
         """When the last one with data was."""
+        self.refused: tuple[Verdict, bytes, int] | None = None
+        """The last frame whose data did not count: why, its bytes from the FrameID on, and when it came."""
         self.counters = dict.fromkeys(Verdict, 0) if counters is None else counters
 
     @property
@@ -85,22 +87,26 @@ class Consumer:
     def receive(self, frame: bytes, start: int, now: int) -> Verdict:
         """A frame whose payload starts at ``start``."""
         if len(frame) - start != self.size:
-            return self._count(Verdict.LENGTH)
+            return self._refuse(Verdict.LENGTH, frame, start, now)
         counter, status, transfer = TRAILER.unpack_from(frame, start + self.trailer)
         if transfer:
-            return self._count(Verdict.TRANSFER_STATUS)
+            return self._refuse(Verdict.TRANSFER_STATUS, frame, start, now)
         if not status & STATUS_DATA_VALID:
-            return self._count(Verdict.NOT_VALID)
+            return self._refuse(Verdict.NOT_VALID, frame, start, now)
         if self.counter is not None and not is_newer(counter, self.counter):
-            return self._count(Verdict.STALE)
+            return self._refuse(Verdict.STALE, frame, start, now)
         self.counter = counter
         self.last_ns = now
         if status & STATUS_IGNORE or not status & STATUS_PRIMARY:
-            return self._count(Verdict.NO_DATA)
+            return self._refuse(Verdict.NO_DATA, frame, start, now)
         self.data_ns = now
         self.payload = frame[start:]
         self.running = status & STATUS_RUN != 0
         return self._count(_ACCEPTED if self.running else Verdict.PROVIDER_STOP)
+
+    def _refuse(self, verdict: Verdict, frame: bytes, start: int, now: int) -> Verdict:
+        self.refused = verdict, frame[start:], now
+        return self._count(verdict)
 
     def _count(self, verdict: Verdict) -> Verdict:
         self.counters[verdict] += 1

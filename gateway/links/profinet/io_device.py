@@ -25,6 +25,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
 from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, discard_waiting, is_punctual, silence, watch_calls
+from pdgw.gateway.links.profinet import findings
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
@@ -51,6 +52,8 @@ _EARLY_NS: Final = 5 * MS
 _NOT_IN_FORCE: Final = -1
 """Instead of the orders of a frame that did not count: the next frame is a step of the axes."""
 _HELD_UP: Final = "the gateway was held up for longer than the watchdog time, and frames waited meanwhile"
+_DIFFERENCES: Final = 3
+"""Differences of other slots that are named; the log has all."""
 _SHORTEST_WATCHDOG: Final = 2
 """Cycles: the gateway reads in each cycle, at a time that varies."""
 
@@ -138,8 +141,11 @@ class ProfinetLink:
         self.recorder: FrameRecorder | None = None
         self.log_event: Callable[[str], object] = lambda _: None
         self.watchdog_expiries = 0
-        self._end = self._owner = ""
-        """Reason of the end of the newest relationship with data exchange, and the address of its controller."""
+        self._end: Finding | None = None
+        self._owner = ""
+        """Reason of the end of the newest relationship, and the address of its controller."""
+        self._differences: dict[int, str] = {}
+        """Of the controller's project, by slot."""
         self._unreported = ""
         """Reason of a loss that the axes have not seen yet: until then no setpoints count."""
         self._keeper = StationKeeper(port, transport, store, loop)
@@ -265,12 +271,16 @@ class ProfinetLink:
         if self._unreported:
             loss, self._unreported = self._unreported, ""
         elif consumer is None or consumer.data_ns is None:
-            loss = self._end
+            loss = "" if self._end is None else self._end.evidence
         else:
             if now - consumer.data_ns <= self._limit_ns:
                 return ""
             loss = silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
+            relation = self.device.relation
+            if relation is not None and (found := findings.of_frames(relation, now, self._limit_ns >> 1)) is not None:
+                loss = f"{loss}: {found.text}"
+                self._losses.add(now, 0, found)
         self._receivable = False
         self.lose_setpoints()
         return self._losses.report(loss, now)
@@ -281,20 +291,24 @@ class ProfinetLink:
             self._unreported = loss
 
     def finding(self, index: int | None = None) -> Finding | None:
-        now, consumer = self._loop.now(), self._consumer
-        if consumer is None:
+        now, relation, consumer = self._loop.now(), self.device.relation, self._consumer
+        if relation is None:
             return self._without_relationship(now)
+        if not relation.connected or consumer is None:
+            return findings.of_start_up(relation, self._loop)
         if (repeated := self._losses.finding(now)) is not None:
             return repeated
-        if self._receivable and not consumer.running:
+        if not self._receivable:
+            if (found := findings.of_frames(relation, now, self._limit_ns >> 1)) is not None:
+                return found
+        elif not consumer.running:
             return Finding.of(Reason.PLC_STOP)
         if index is None or self.setpoints[index] is not None:
             return None
         if all(index != known for known, *_ in self._outputs):
-            number = self._telegrams[index].number
-            return Finding.of(
-                Reason.NO_RELATIONSHIP, f"the controller's project has no telegram {number} in slot {index + 1}"
-            )
+            own = self._differences.get(index + 1)
+            others = [text for slot, text in self._differences.items() if slot != index + 1]
+            return Finding.of(Reason.NO_RELATIONSHIP, "; ".join([*filter(None, [own]), *others[:_DIFFERENCES]]))
         return Finding.of(Reason.PLC_BAD) if self._receivable else None
 
     def _without_relationship(self, now: int) -> Finding:
@@ -310,9 +324,10 @@ class ProfinetLink:
         if not station.name:
             text = "this device has no name of station"
             return Finding.of(Reason.NO_RELATIONSHIP, text, "give it the name of the controller's project (DCP)")
-        if self._end:
+        if self._end is not None:
             beside = "" if refused is None else f"; {refused.text}"
-            return Finding.of(Reason.PLC_LOST, f"PLC lost: {self._end}{beside}")
+            lost = "PLC lost: " if self._end.reason is Reason.PLC_LOST else ""
+            return self._end._replace(evidence=f"{lost}{self._end.evidence}{beside}")
         return Finding.of(Reason.NO_RELATIONSHIP, f"no controller has connected to the name of station {station.name}")
 
     @property
@@ -550,7 +565,7 @@ class ProfinetLink:
                 self._consumer = consumer
                 self._order_mask = _order_mask(consumer, self._telegrams)
                 self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
-                self._end = self._owner = ""
+                self._end, self._owner = None, ""
                 self._keeper.forget_refused()
                 if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
@@ -568,19 +583,20 @@ class ProfinetLink:
                     log.warning(
                         "the controller's cycle time is shorter than cycle_time_ms = %g", transport.cycle_time_ms
                     )
-                if relation.plan.diff is not None:
-                    log.warning("the controller's project differs from the configuration: see ModuleDiff")
+                self._differences = findings.differences(relation.plan.expected, self.device.model.modules)
+                for text in self._differences.values():
+                    log.warning("%s", text)
             case Disconnected(relation, ended):
                 if relation is self._placed_for:
                     self._placed_for = self._places = None
                 text = f"controller {relation.plan.ar.station_name} disconnected: {ended.text}"
                 log.error("%s", text)
                 self.log_event(f"PLC not connected: {text}")
-                self._end, self._owner = f"the relationship has ended: {ended.text}", relation.source[0]
+                self._end, self._owner = findings.of_end(relation, ended, self._loop.now()), relation.source[0]
                 self._keeper.forget_refused()
                 self._release()
                 self.lose_setpoints()
-                self._report_loss(self._end)
+                self._report_loss(self._end.evidence)
             case _:
                 self._keeper.on_event(event, self.station.name)
 

@@ -11,6 +11,7 @@ from pdgw.gateway.links.profinet.station import profinet_model
 from pdgw.peers.controller.controller import Phase
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NORMAL, TRAILER
 from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.rpc.dcerpc import PacketType
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.situations import Situation, Step, both, good, run_out
 from tests.support.gateways.daemon import OFF, Plc, world_of
@@ -228,13 +229,34 @@ def _name(site: Plant) -> None:
     site.link.station.name = "press-1"
 
 
+def _block_calls(site: Plant) -> None:
+    """A firewall drops the calls to the controller."""
+    receive = site.plc.on_datagram
+    site.plc.on_datagram = lambda data, *more: None if data[1] == PacketType.REQUEST else receive(data, *more)  # type: ignore[method-assign]
+    site.plc.start(site.loop.now())
+
+
+def _pass_calls(site: Plant) -> None:
+    del site.plc.on_datagram  # type: ignore[method-assign]
+    site.plc.start(site.loop.now())
+
+
 CONTROLLER_SITUATIONS: dict[str, PlcSituation] = {
     "the project of the controller has another telegram": PlcSituation(
         begin=_at(_other_telegram),
-        says=("the controller's project has no telegram 1 in slot 1", "modules"),
+        says=(
+            "slot 1: the controller's project has axis with telegram 9, configured is axis with telegram 1",
+            "modules",
+        ),
         lacks=("cable", "IOPS"),
         health=Health.WARNING,
         cure=both(_at(_right_project), good),
+    ),
+    "the controller does not receive the calls of the device": PlcSituation(
+        begin=_at(_block_calls),
+        says=("has connected, but has not confirmed ApplicationReady since", "UDP port 34964", "firewall"),
+        lacks=("cable", "no controller"),
+        cure=both(_at(_pass_calls), good),
     ),
     "the device rejects the controller's project": PlcSituation(
         begin=_at(lambda site: _project(site, data_hold=0)),
