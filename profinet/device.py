@@ -59,6 +59,8 @@ class Refused:
 
     host: str
     status: PnioStatus
+    field: str
+    """Such as ``IocrBlockReq.data_hold``."""
     reason: str
 
     @property
@@ -173,7 +175,7 @@ class ProfinetDevice:
             if self.cm.refused is not None:
                 (host, _), refusal = self.cm.refused
                 self.cm.refused = None
-                self._events.append(Refused(host, refusal.status, str(refusal)))
+                self._events.append(Refused(host, refusal.status, refusal.field, str(refusal)))
         else:
             self.cm.answer(header, body, address[0], now)
         self._report_relations(now)

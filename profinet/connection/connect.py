@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
+from pdgw.base.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.blocks.connect_blocks import (
     AR_INFO_SHIFT,
@@ -246,14 +247,18 @@ def _cyclic(block: IocrBlockReq, expected: _Expected, model: DeviceModel) -> Cyc
     if frame_id not in ids:
         raise refuse(cls, "frame_id", f"{frame_id:04X}h", f"{ids.start:04X}h..{ids.stop - 1:04X}h")
     if block.send_clock * block.reduction_ratio < model.min_device_interval:
-        allowed = f"a cycle of at least {model.min_device_interval} x 31.25 us"
-        raise refuse(cls, "reduction_ratio", block.reduction_ratio, allowed)
+        allowed = f"at least {model.min_device_interval * TICK_NS / MS:g} ms"
+        raise refuse(cls, "reduction_ratio", f"update time {block.cycle_ns / MS:g} ms", allowed)
     if not 1 <= block.phase <= block.reduction_ratio:
         raise refuse(cls, "phase", block.phase, f"1..{block.reduction_ratio}")
     if block.frame_send_offset != BEST_EFFORT and block.frame_send_offset >= block.send_clock * TICK_NS:
-        raise refuse(cls, "frame_send_offset", block.frame_send_offset, "less than the send clock, or FFFFFFFFh")
+        allowed = f"less than the send clock of {block.send_clock * TICK_NS} ns, or FFFFFFFFh"
+        raise refuse(cls, "frame_send_offset", f"{block.frame_send_offset} ns", allowed)
     if block.hold_ns > HOLD_MAX_NS:
-        raise refuse(cls, "data_hold", block.data_hold, "at most 1.92 s")
+        value = (
+            f"{block.hold_ns / SECOND:g} s, which is {block.data_hold} x the update time of {block.cycle_ns / MS:g} ms"
+        )
+        raise refuse(cls, "data_hold", value, f"at most {HOLD_MAX_NS / SECOND:g} s")
     used = bytearray(block.data_length)
     data: dict[Subslot, DataObject] = {}
     iocs: dict[Subslot, int] = {}

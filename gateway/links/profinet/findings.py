@@ -13,6 +13,7 @@ from pdgw.profidrive.frame import STATUS_NORMAL
 from pdgw.profinet.blocks.connect_blocks import ExpectedSlot, IocrType
 from pdgw.profinet.connection.cmdev import ApplicationRelation, Ended, Event, State
 from pdgw.profinet.connection.cpm import STATUS_IGNORE, Consumer, Verdict
+from pdgw.profinet.device import Refused
 from pdgw.profinet.model import ACCESS_POINT_IDENT, TELEGRAM_IDENT, Module, ObjectKind, Submodule
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
@@ -37,6 +38,15 @@ _SILENCE: Final = frozenset({Event.HOLD_EXPIRED, Event.ACTIVITY_TIMEOUT})
 """Ends by frames that do not count or do not come."""
 
 
+_REFUSED: Final = {
+    "IocrBlockReq.data_hold": "shorten this device's update time in the controller's project, or lower the number of update "
+    "cycles of its watchdog",
+    "IocrBlockReq.watchdog": "set the number of update cycles of this device's watchdog in the controller's project",
+    "IocrBlockReq.reduction_ratio": "lengthen this device's update time in the controller's project, or shorten cycle_time_ms",
+}
+"""What to do about a field of a refused Connect; about others: compare the project."""
+
+
 def _controller(relation: ApplicationRelation) -> str:
     return f"controller {relation.plan.ar.station_name} ({relation.source[0]})"
 
@@ -48,6 +58,11 @@ def of_start_up(relation: ApplicationRelation, loop: Loop) -> Finding:
     missing, remedy = _START_UP[relation.state]
     text = f"the {_controller(relation)} has connected, {missing} since {clock(relation.since_ns, loop)}"
     return Finding(Reason.NO_RELATIONSHIP, text, remedy)
+
+
+def of_refused(refused: Refused) -> Finding:
+    """Why a Connect was refused."""
+    return Finding.of(Reason.NO_RELATIONSHIP, refused.text, _REFUSED.get(refused.field, ""))
 
 
 def of_end(relation: ApplicationRelation, ended: Ended, now: int) -> Finding:

@@ -320,7 +320,7 @@ class ProfinetLink:
             )
         refused = self._keeper.refused(now)
         if refused is not None and self._owner in ("", refused.host):
-            return Finding.of(Reason.NO_RELATIONSHIP, refused.text)
+            return findings.of_refused(refused)
         if not station.name:
             text = "this device has no name of station"
             return Finding.of(Reason.NO_RELATIONSHIP, text, "give it the name of the controller's project (DCP)")

@@ -107,6 +107,42 @@ def test_parameters_that_are_sent_again_and_do_not_end_are_named(site: Plant) ->
     assert "ON ignored: PLC lost: the controller sends its parameters again (PrmBegin), since " in first(site)
 
 
+@pytest.mark.parametrize(
+    ("project", "why", "remedy"),
+    [
+        (
+            {"reduction_ratio": 512, "data_hold": 40},
+            "IocrBlockReq.data_hold: '20.48 s, which is 40 x the update time of 512 ms' is not allowed, expected at most 1.92 s",
+            "shorten this device's update time in the controller's project, or lower the number of update cycles of its watchdog",
+        ),
+        (
+            {"send_clock": 8, "reduction_ratio": 2},
+            "IocrBlockReq.reduction_ratio: 'update time 0.5 ms' is not allowed, expected at least 1 ms",
+            "lengthen this device's update time in the controller's project, or shorten cycle_time_ms",
+        ),
+        (
+            {"data_hold": 0},
+            "IocrBlockReq.watchdog: '0h' is not allowed",
+            "set the number of update cycles of this device's",
+        ),
+        (
+            {"activity_timeout": 0},
+            "ArBlockReq.activity_timeout: '0h' is not allowed",
+            "compare name of station, modules",
+        ),
+    ],
+    ids=["data hold", "update time", "watchdog", "another field"],
+)
+def test_a_refused_connect_has_value_and_limit_in_one_unit_and_a_remedy(
+    site: Plant, project: dict[str, int], why: str, remedy: str
+) -> None:
+    site.plc.project = replace(site.plc.project, **project)  # type: ignore[arg-type]
+    site.plc.start(site.loop.now())
+    site.run(SECOND)
+    assert why in first(site)
+    assert remedy in first(site)
+
+
 # -- frames -----------------------------------------------------------------------------------------------------------
 
 
