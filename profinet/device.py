@@ -204,7 +204,8 @@ class ProfinetDevice:
             deadline = relation.watch_deadline
             if deadline is not None and deadline < due:
                 due = deadline
-        for other in (self.dcp.deadline, self._next):
+        neighbour = self.station.neighbour
+        for other in (self.dcp.deadline, self._next, None if neighbour is None else neighbour.expiry_ns):
             if other is not None and other < due:
                 due = other
         self._watch_due = due
@@ -239,9 +240,10 @@ class ProfinetDevice:
             self._lldp_due = now + lldp.INTERVAL_NS
             if not self.station.lldp_silent:
                 self.frame(lldp.encode(self.station))
-            neighbour = self.station.neighbour
-            if neighbour is not None and now - neighbour.seen_ns > neighbour.lifetime_ns:
-                self.station.neighbour = None
+            self._check_port(now)
+        neighbour = self.station.neighbour
+        if neighbour is not None and now >= neighbour.expiry_ns:
+            self.station.neighbour = None
             self._check_port(now)
         self._report_relations(now)
 

@@ -140,6 +140,11 @@ class Neighbour:
     """Of the management address if it is IPv4: four bytes, the kind of interface number, the number in four bytes."""
 
     @property
+    def expiry_ns(self) -> int:
+        """When it is forgotten (TTL), unless another frame of it comes."""
+        return self.seen_ns + self.lifetime_ns
+
+    @property
     def chassis_id(self) -> str:
         """As text."""
         return _id_text(self.chassis, _CHASSIS_MAC)

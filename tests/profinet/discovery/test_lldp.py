@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scapy.contrib import lldp as scapy_lldp
 from scapy.layers.l2 import Ether
 
-from pdgw.base.durations import SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
@@ -141,9 +141,9 @@ def test_neighbour_is_kept_for_its_lifetime_and_removed_with_the_cable() -> None
 
     device.on_frame(frame_of_a_neighbour(12), 0)
     assert known() == "port-001.plc-1"
-    wire.run(12 * SECOND)
+    wire.run(12 * SECOND - 2 * MS)
     assert known()
-    wire.run(5 * SECOND)
+    wire.run(2 * MS)
     assert not known(), "he fell silent"
     device.on_frame(frame_of_a_neighbour(12), wire.now)
     device.on_frame(frame_of_a_neighbour(0), wire.now)
