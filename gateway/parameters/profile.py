@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from pdgw.ds301.aborts import CanopenError
@@ -48,6 +48,7 @@ from pdgw.profidrive.parameters.catalogue import (
     OBJECT_PNUS,
     PARAMETERS,
     PROFILE_IDENTIFICATION,
+    ParameterSpec,
 )
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
 from pdgw.profidrive.parameters.description import Pnu
@@ -86,6 +87,7 @@ _STATUS_OBJECTS = (
 """Elements 1 to 10 of P65001."""
 _STEPS_PER_SECOND = 0
 """Element 11 of P65001: the unit of 6030h."""
+_I32_MAX = (1 << 31) - 1
 _LIST_SIZE = 99
 _WARNING_TEXTS = tuple(
     GATEWAY_FAULTS[number].name[:16]
@@ -384,11 +386,20 @@ class EncoderChannelObject(NodeObject):
         self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), ENCODER_CLASS, _ENCODER_CLASS_3, self.do_id))
         self.bind(Pnu.SENSOR_FORMAT, lambda: encode_sensor_format([encoder.sensor_format]))
         self.bind(Pnu.REFERENCE_SPEED, lambda: float(encoder.config.reference_speed))
-        self.bind(Pnu.PRESET_VALUE, lambda: encoder.preset_value, self._set_preset)
+        self._parameters[Pnu.PRESET_VALUE] = lambda _: BoundParameter(
+            self._preset_spec(), lambda: encoder.preset_value, self._set_preset
+        )
         self._parameters[Pnu.OPERATING_STATUS] = lambda context: BoundParameter(
             PARAMETERS[Pnu.OPERATING_STATUS], lambda: self._operating_status(context)
         )
         self.bind_lists()
+
+    def _preset_spec(self) -> ParameterSpec:
+        """P65000: a position, or for a relative preset a shift below the total range in either direction."""
+        spec, references = PARAMETERS[Pnu.PRESET_VALUE], self.encoder.references
+        if references is None or references.total_range > _I32_MAX:
+            return spec
+        return replace(spec, low=1 - references.total_range, high=references.total_range - 1)
 
     def _set_preset(self, value: int) -> None:
         self.encoder.preset_value = value

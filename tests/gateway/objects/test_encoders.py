@@ -15,7 +15,8 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import encoder_status, snapshot
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import ParameterAddress, Values
+from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
+from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
 from pdgw.tools.output.status_text import status_lines
@@ -89,6 +90,19 @@ def test_every_encoder_telegram_has_the_position_and_takes_a_preset(number: int)
         assert encoder_of(daemon).model.position_1 == 123456
         if number == 84:
             assert plc.value("G1_XIST3") == 123456
+
+
+def test_a_preset_beyond_the_total_range_is_refused_and_changes_nothing() -> None:
+    total = 1 << 24
+    with gateway(encoder(3, 81)) as (daemon, client):
+        for value, refused in ((1 - total, False), (-total, True), (total - 1, False), (total, True)):
+            (answer,) = client.request([ParameterAddress(65000)], [Values(DataType.INTEGER32, (value,))])
+            assert answer.failed is refused
+            assert not refused or "low or high limit exceeded" in answer.text
+        assert daemon.encoders[0].preset_value == total - 1
+        (described,) = client.request([ParameterAddress(65000, 0, 0, Attribute.DESCRIPTION)])
+        limits = Description.decode(bytes(described.values))  # type: ignore[arg-type]
+        assert (limits.low, limits.high) == (1 - total, total - 1)
 
 
 @pytest.mark.parametrize("as_g1", [False, True], ids=["encoder", "G1 of a drive"])
