@@ -254,7 +254,7 @@ _MODULE = """<ModuleItem ID="MODULE_$kind" ModuleIdentNumber="$ident" PhysicalSu
 <ModuleInfo><Name TextId="$name"/><InfoText TextId="$text"/></ModuleInfo>
 <VirtualSubmoduleList>
 <VirtualSubmoduleItem ID="ACCESS_POINT_$kind" SubmoduleIdentNumber="$access_point_ident" API="$api"
-  FixedInSubslots="$access_point" MayIssueProcessAlarm="false">
+  FixedInSubslots="$access_point" Writeable_IM_Records="1 2 3 4" MayIssueProcessAlarm="false">
 <IOData/>
 <ModuleInfo>
 <Name TextId="Module access point"/>

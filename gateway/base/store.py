@@ -3,9 +3,9 @@
 Non-volatile gateway parameters in a crash-safe file.
 
 Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of the
-device. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The file is JSON
-with a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is in force
-when it is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters
+device and of each DO. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The
+file is JSON with a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is
+in force when it is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters
 (the drive stores its own, 1010h).
 
 Units of an axis that a person has confirmed: written by ``pdgw axis test``, shown by ``pdgw status``.
@@ -47,10 +47,21 @@ class ConfirmedUnits(BaseModel):
     """Position units of one revolution, an exact fraction; empty where they are not known."""
 
 
-class DoParameters(BaseModel):
-    """Stored parameters of one drive object; None where the configuration's value still holds."""
+class IdentificationTexts(BaseModel):
+    """I&M1 to I&M4 of the device or of one drive object."""
 
     model_config = ConfigDict(extra="forbid", validate_assignment=True)
+
+    im1_function: Annotated[str, Field(max_length=32)] = ""
+    im1_location: Annotated[str, Field(max_length=22)] = ""
+    im2_date: Annotated[str, Field(max_length=16)] = ""
+    im3_descriptor: Annotated[str, Field(max_length=54)] = ""
+    im4_signature: Annotated[str, Field(max_length=108, pattern="^([0-9a-f]{2})*$")] = ""
+    """Hexadecimal."""
+
+
+class DoParameters(IdentificationTexts):
+    """Stored parameters of one drive object; None where the configuration's value still holds."""
 
     telegram: Annotated[int, Field(ge=1, le=65535)] | None = None
     """P922."""
@@ -64,18 +75,10 @@ class DoParameters(BaseModel):
     """The drive's own values of the objects that the gateway overwrites, until they were written back."""
 
 
-class DeviceParameters(BaseModel):
+class DeviceParameters(IdentificationTexts):
     """The whole set."""
 
-    model_config = ConfigDict(extra="forbid", validate_assignment=True)
-
     version: Annotated[int, AfterValidator(at_most(FORMAT_VERSION))] = FORMAT_VERSION
-    im1_function: Annotated[str, Field(max_length=32)] = ""
-    im1_location: Annotated[str, Field(max_length=22)] = ""
-    im2_date: Annotated[str, Field(max_length=16)] = ""
-    im3_descriptor: Annotated[str, Field(max_length=54)] = ""
-    im4_signature: Annotated[str, Field(max_length=108, pattern="^([0-9a-f]{2})*$")] = ""
-    """Hexadecimal."""
     sys_contact: Annotated[str, Field(max_length=255)] = ""
     sys_name: Annotated[str, Field(max_length=255)] = ""
     sys_location: Annotated[str, Field(max_length=255)] = ""
@@ -95,6 +98,14 @@ class DeviceParameters(BaseModel):
     def drive_object(self, do_id: int) -> DoParameters:
         """The stored parameters of a DO, created on first use."""
         return self.objects.setdefault(do_id, DoParameters())
+
+    def reset_station(self) -> None:
+        """Clear what a controller or an engineering tool has set: name, address, I&M1 to I&M4, and the texts of SNMP."""
+        self.station_name, self.station_ip = "", None
+        self.sys_contact = self.sys_name = self.sys_location = ""
+        for place in (self, *self.objects.values()):
+            for field in IdentificationTexts.model_fields:
+                setattr(place, field, "")
 
 
 def _sync_folder(folder: Path) -> None:

@@ -16,7 +16,7 @@ from uuid import UUID
 
 from pdgw.gateway.base import identity
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.store import DeviceParameters
+from pdgw.gateway.base.store import DeviceParameters, IdentificationTexts
 from pdgw.gateway.base.udp import Address
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
@@ -107,7 +107,7 @@ class Records:
             self._request(caller, block, data)
         elif block.index in identification.INDEXES:
             self._check_writer(caller)
-            self._write_identification(block.index - identification.INDEX, data)
+            self._write_identification(block.slot, block.index - identification.INDEX, data)
         else:
             raise RecordRefused(AccessError.INVALID_INDEX)
 
@@ -117,7 +117,7 @@ class Records:
         if block.index in PARAMETER_RECORDS:
             return self._response(caller, block)
         if block.index in identification.INDEXES:
-            return self._identification(block.index - identification.INDEX)
+            return self._identification(block.slot, block.subslot, block.index - identification.INDEX)
         raise RecordRefused(AccessError.INVALID_INDEX)
 
     def _check_place(self, block: RecordBlock, *, implicit: bool) -> None:
@@ -195,18 +195,30 @@ class Records:
         del self._requests[owner]
         return response
 
-    def _identification(self, number: int) -> bytes:
+    def _texts(self, parameters: DeviceParameters, slot: int) -> IdentificationTexts:
+        """The device and each drive object have their own."""
+        return parameters if slot == DAP_SLOT else parameters.drive_object(self._manager.slots[slot])
+
+    def _identification(self, slot: int, subslot: int, number: int) -> bytes:
         if number == 0:
             transport = self._daemon.config.transport
             serial, software = transport.station_name[:_SERIAL_MAX], ("V", *identity.RELEASE)
             return identification.encode_im0(
-                identification.Im0(transport.vendor_id, identity.ORDER_ID, serial, identity.HARDWARE_REVISION, software)
+                identification.Im0(
+                    transport.vendor_id,
+                    identity.ORDER_ID,
+                    serial,
+                    identity.HARDWARE_REVISION,
+                    software,
+                    supported=identification.SUPPORTED if subslot == ACCESS_POINT else 0,
+                )
             )
-        values = [getattr(self._daemon.store.parameters, name) for name in _STORED[number]]
+        texts = self._texts(self._daemon.store.parameters, slot)
+        values = [getattr(texts, name) for name in _STORED[number]]
         octets: Callable[[str], bytes] = bytes.fromhex if number == identification.SIGNATURE else str.encode
         return identification.encode_im(number, tuple(octets(value) for value in values))
 
-    def _write_identification(self, number: int, data: bytes) -> None:
+    def _write_identification(self, slot: int, number: int, data: bytes) -> None:
         if number == 0:
             raise RecordRefused(AccessError.ACCESS_DENIED)
         if len(data) != identification.size_of(number):
@@ -221,7 +233,7 @@ class Records:
         def change(parameters: DeviceParameters) -> None:
             for name, value in zip(_STORED[number], values, strict=True):
                 text = value.hex() if number == identification.SIGNATURE else value.decode("ascii").rstrip()
-                setattr(parameters, name, text)
+                setattr(self._texts(parameters, slot), name, text)
 
         try:
             self._daemon.update_store(change)

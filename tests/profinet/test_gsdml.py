@@ -197,6 +197,12 @@ def test_identifications_are_those_the_device_answers_with() -> None:
         assert references == {f"TELEGRAM_{item.number}" for item in telegrams}
 
 
+def test_head_module_and_access_points_have_writable_identification() -> None:
+    """As IM_Supported of their I&M0 and F840h say."""
+    writable = {item.get("ID") for item in ROOT.iter() if item.get("Writeable_IM_Records") == "1 2 3 4"}
+    assert writable == {"DAP_1", *(f"ACCESS_POINT_{kind.name}" for kind in KINDS)}
+
+
 SIZES = {f"{sign}{8 * size}": size for sign in ("Integer", "Unsigned") for size in (1, 2, 4, 8)}
 EVERY = [item for items in KINDS.values() for item in items]
 

@@ -148,7 +148,7 @@ def test_list_and_describe(server: tuple[str, int]) -> None:
 
 
 def test_identify_shows_the_identification_of_the_device(server: tuple[str, int]) -> None:
-    with ParameterClient(server, 0) as client:
+    with ParameterClient(server, 0, slot=0) as client:
         client.write_record(identification.INDEX + 1, identification.encode_im(1, (b"press [b]4", b"hall B")))
         client.write_record(identification.INDEX + 4, identification.encode_im(4, (b"\x01\xff",)))
     fields = json.loads(pdgw("param", "identify", "--json", *option(server)).stdout)

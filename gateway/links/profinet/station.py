@@ -5,7 +5,7 @@ Name and address come from DCP, and are kept in the store, at the interface and 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import date
 
 from pdgw.base.durations import MS
@@ -69,12 +69,6 @@ _SAME_REFUSAL_NS, _OTHER_REFUSAL_NS = 60_000 * MS, 1_000 * MS
 """Times after which a refused Connect is logged again: for the same reason, for another reason."""
 _NAMED_NS = 30_000 * MS
 """Time for which a refused Connect is named: longer than a controller waits before the next one."""
-
-_CLEARED = (
-    *("im1_function", "im1_location", "im2_date", "im3_descriptor", "im4_signature"),
-    *("sys_contact", "sys_name", "sys_location"),
-)
-"""Texts that a reset to factory clears."""
 
 
 class StationKeeper:
@@ -158,10 +152,7 @@ class StationKeeper:
                 self.keep("station_ip", suite.encode().hex() if permanent else None)
             case ResetToFactory():
                 log.warning("reset to factory by DCP: name, IP address and I&M1 to I&M4 are cleared")
-                self.keep("station_name", "")
-                self.keep("station_ip", None)
-                for field in _CLEARED:
-                    self.keep(field, "")
+                self._save(DeviceParameters.reset_station, "reset to factory")
             case Flash():
                 self._flashing_until = self._loop.now() + FLASH_NS
                 log.warning("flash signal: this is the device %s", name or "without a name")
@@ -186,10 +177,11 @@ class StationKeeper:
             log.error("%s", refused.text)
 
     def keep(self, field: str, value: str | None) -> None:
-        """Store without waiting for the disk."""
+        """Store a value of the station."""
+        self._save(lambda parameters: setattr(parameters, field, value), f"store {field}")
 
-        def change(parameters: DeviceParameters) -> None:
-            setattr(parameters, field, value)
+    def _save(self, change: Callable[[DeviceParameters], None], what: str) -> None:
+        """Store without waiting for the disk."""
 
         def save() -> None:
             try:
@@ -197,4 +189,4 @@ class StationKeeper:
             except GatewayError as error:
                 log.error("%s", error)
 
-        self._loop.spawn(save, f"store {field}")
+        self._loop.spawn(save, what)

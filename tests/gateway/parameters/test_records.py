@@ -5,8 +5,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from ipaddress import IPv4Network
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 from uuid import UUID, uuid4
@@ -18,7 +20,7 @@ from hypothesis import strategies as st
 from pdgw.base.durations import MS
 from pdgw.ds301.aborts import ABORT_TEXTS, Abort
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.store import ParameterStore
+from pdgw.gateway.base.store import DeviceParameters, ParameterStore
 from pdgw.gateway.base.udp import Address
 from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.configuration.environment import ParametersConfig, TransportConfig
@@ -28,6 +30,7 @@ from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.records import CallerRecords, Records
 from pdgw.profidrive.parameters.codec import ParameterAddress, decode_response
 from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
+from pdgw.profinet.blocks import record_blocks as blocks
 from pdgw.profinet.rpc import dcerpc, identification
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import object_uuid
@@ -35,6 +38,9 @@ from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, AccessError, BlockType
 from tests.support.gateways.daemon import axis, configuration, drive_of, record_server, running, serving, world_of
 from tests.support.gateways.daemon import client as client_of
 from tests.support.gateways.parameters import error, gateway, value
+from tests.support.gateways.profinet_daemon import Plant, plant
+from tests.support.gateways.profinet_daemon import configuration as profinet_configuration
+from tests.support.wire.profinet import PLC_IP
 
 # -- several callers: whose answer it is, who may write, and how much is kept -------------------------------------
 
@@ -192,9 +198,10 @@ def test_im0_answers_at_every_submodule_and_im1_to_im4_at_subslot_1() -> None:
         place = RecordBlock(BlockType.READ_REQUEST, 1, NIL, 0, slot, subslot, identification.INDEX + number, 4096)
         return caller.read(place, implicit=True)
 
-    device = ask_at(0, 1, 0)
-    for place in ((0, 0x8000), (0, 0x8001), (1, 1), (1, 2)):
-        assert ask_at(*place, 0) == device
+    device = identification.decode_im0(ask_at(0, 1, 0))
+    assert device.supported == 0b11110
+    for place, supported in (((1, 1), 0b11110), ((0, 0x8000), 0), ((0, 0x8001), 0), ((1, 2), 0)):
+        assert identification.decode_im0(ask_at(*place, 0)) == replace(device, supported=supported)
     for place in ((0, 2), (1, 0x8000), (1, 3), (2, 1)):
         assert refusal(lambda: ask_at(*place, 0)) == AccessError.INVALID_SLOT  # noqa: B023
     assert refusal(lambda: ask_at(1, 2, 1)) == AccessError.INVALID_INDEX
@@ -269,7 +276,7 @@ def test_identification_records_are_read_and_written_and_survive(shared: tuple[D
     signature = identification.encode_im(4, (bytes(range(54)),))
     client.write_record(identification.INDEX + 4, signature)
     assert client.read_record(identification.INDEX + 4) == signature
-    assert daemon.store.parameters.im1_function == "press 4"
+    assert daemon.store.parameters.objects[1].im1_function == "press 4"
     for index, data, reason in (
         (identification.INDEX, record, "access denied"),
         (identification.INDEX + 1, record[:-1], "write length"),
@@ -278,6 +285,49 @@ def test_identification_records_are_read_and_written_and_survive(shared: tuple[D
     ):
         with pytest.raises(GatewayError, match=reason):
             client.write_record(index, data)
+
+
+def test_each_place_with_writable_identification_has_its_own(tmp_path: Path) -> None:
+    """F840h, IM_Supported of I&M0, and the memory agree; the memory survives a restart, and a reset clears all of it."""
+    config = profinet_configuration(axis(1) + axis(2), tmp_path / "store.json")
+
+    def ask(site: Plant, slot: int, subslot: int, index: int) -> bytes:
+        kind, api = BlockType.READ_REQUEST, identification.PROFILE_ID if slot else 0
+        block = RecordBlock(kind, 1, NIL, api, slot, subslot, index, 4096)
+        return site.link.device.cm.records.read(None, block, "192.168.0.9", site.loop.now())
+
+    def text_of(site: Plant, slot: int, number: int) -> tuple[bytes, ...]:
+        return tuple(item.rstrip() for item in identification.decode_im(number, ask(site, slot, 1, 0xAFF0 + number)))
+
+    with plant(config) as site:
+        filters = ask(site, 0, 1, 0xF840)
+        listed = blocks.ImFilterSubmodules.decode(filters[: 4 + int.from_bytes(filters[2:4], "big")])
+        places = {(slot.slot, item.subslot) for api in listed.apis for slot in api.slots for item in slot.submodules}
+        everything = [
+            (slot, subslot) for slot, module in site.link.device.model.modules.items() for subslot in module.submodules
+        ]
+        supported = {place: identification.decode_im0(ask(site, *place, 0xAFF0)).supported for place in everything}
+        assert {place for place, bits in supported.items() if bits} == places == {(0, 1), (1, 1), (2, 1)}
+        site.connect()
+        handler = site.link._records_for(PLC_IP)
+
+        def write() -> None:
+            for slot in range(3):
+                for number in (1, 3):
+                    fields = (b"slot %d" % slot,) * len(identification.TEXT_FIELDS[number])
+                    record = identification.encode_im(number, fields)
+                    block = RecordBlock(BlockType.WRITE_REQUEST, 1, NIL, 0, slot, 1, 0xAFF0 + number, len(record))
+                    handler.write(block, record)
+
+        task = site.loop.spawn(write, "writes")
+        site.until(task.done.is_set, "writes")
+        assert task.error is None
+    with plant(config) as site:
+        for slot in range(3):
+            assert text_of(site, slot, 1) == (b"slot %d" % slot,) * 2
+            assert text_of(site, slot, 3) == (b"slot %d" % slot,)
+        site.daemon.store.update(DeviceParameters.reset_station)
+        assert {text_of(site, slot, number) for slot in range(3) for number in (1, 3)} == {(b"", b""), (b"",)}
 
 
 def test_places_and_relationships_that_do_not_exist_are_refused(shared: tuple[Daemon, ParameterClient]) -> None:

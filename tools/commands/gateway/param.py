@@ -35,7 +35,12 @@ _place: dict[str, Any] = {}
 
 @app.callback()
 def options(
-    slot: Annotated[int, typer.Option(min=0, max=0x7FFF, help="Slot of the parameter access point.")] = 1,
+    slot: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=0x7FFF, help="Slot of the parameter access point (1), or of I&M (0).", show_default=False
+        ),
+    ] = None,
     subslot: Annotated[int, typer.Option(min=1, max=0xFFFF, help="Its subslot.")] = 1,
     local: Annotated[bool, typer.Option("--local", help="Use record B02Eh instead of B02Fh.")] = False,
     profinet: Annotated[
@@ -47,12 +52,15 @@ def options(
 
 
 @contextmanager
-def _session(gateway: str, do_id: int) -> Iterator[Session]:
+def _session(gateway: str, do_id: int, slot: int = 1) -> Iterator[Session]:
+    """``slot``: of the access point, if no option names one."""
     from pdgw.gateway.client.session import Session
     from pdgw.gateway.client.udp import ParameterClient
 
     place = dict(_place)
     profinet = place.pop("profinet", False)
+    if place.get("slot") is None:
+        place["slot"] = slot
     with ParameterClient(parse_address(gateway, ACYCLIC_PORT), do_id, **place) as client:
         if profinet:
             client.connect()
@@ -219,12 +227,12 @@ def describe(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 
 
 @app.command()
 def identify(gateway: Gateway = _DEFAULT, as_json: AsJson = False) -> None:
-    """Show vendor, order number, serial number, revisions and tags of the device (I&M0 to I&M4)."""
+    """Show vendor, order number, serial number, revisions and tags (I&M0 to I&M4) of the device, or of --slot."""
     from rich.text import Text
 
     from pdgw.gateway.client.udp import read_identification
 
-    with _session(gateway, 0) as session:
+    with _session(gateway, 0, slot=0) as session:
         fields = read_identification(session.client)
     if as_json:
         typer.echo(json.dumps(fields, indent=2))

@@ -401,12 +401,14 @@ def test_a_temporary_name_and_address_are_gone_after_a_restart(rig: Rig) -> None
 
 
 def test_reset_to_factory_clears_name_address_and_identification(rig: Rig) -> None:
-    rig.link._store.parameters.im3_descriptor = "mine"
+    for place in (rig.link._store.parameters, rig.link._store.parameters.drive_object(1)):
+        place.im3_descriptor = "mine"
     rig.set_by_dcp(dcp.Option.NAME, b"press-2", 1)
     rig.set_by_dcp(dcp.Option.RESET, b"", 4)
     rig.start()
     assert rig.link.station.name == ""
-    assert rig.link._store.parameters.im3_descriptor == ""
+    stored = rig.link._store.parameters
+    assert (stored.im3_descriptor, stored.drive_object(1).im3_descriptor) == ("", "")
 
 
 def test_an_address_that_may_not_be_set_is_reported_and_not_kept(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
