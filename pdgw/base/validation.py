@@ -51,6 +51,12 @@ _GIVEN = re.compile(r"\{(\w+)\|(.*?)\}")
 """``{key|default}``: the user's value of a removed key."""
 
 
+class Synonyms(tuple[str, ...]):
+    """In the metadata of a field: what others call its key. Who writes one of them gets the key as a suggestion."""
+
+    __slots__ = ()
+
+
 class Problem(NamedTuple):
     """One thing that is wrong. ``value``: as text, empty where it would not help. ``names_key``: the text has the key."""
 
@@ -151,10 +157,16 @@ def _missing(place: _Place, given: Any) -> Problem:
 
 
 def _suggestion(place: _Place, root: type[BaseModel]) -> str:
-    """The most similar key of this table or of any one, else some keys of this one."""
+    """The key that has this name elsewhere, or the most similar one of this table or of any one, else some keys of this one."""
     key, tables = str(place.location[-1]), list(_tables(root))
     everywhere = [name for _, keys in tables for name in keys]
-    sure = get_close_matches(key, place.keys, 1, _SURE) or get_close_matches(key, everywhere, 1, _SURE)
+    called = [
+        name
+        for _, fields in tables
+        for name, field in fields.items()
+        if any(isinstance(item, Synonyms) and key.lower() in item for item in field.metadata)
+    ]
+    sure = called or get_close_matches(key, place.keys, 1, _SURE) or get_close_matches(key, everywhere, 1, _SURE)
     for similar in sure or get_close_matches(key, place.keys, 1):
         paths = [f" in [{path}]" if path else " before the first table" for path, keys in tables if similar in keys]
         return f"; did you mean {similar}{'' if similar in place.keys else ' or'.join(paths)}?"
