@@ -11,7 +11,7 @@ from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.objects.origins import clock
 from pdgw.profidrive.frame import STATUS_NORMAL
 from pdgw.profinet.blocks.connect_blocks import ExpectedSlot, IocrType
-from pdgw.profinet.connection.cmdev import ApplicationRelation, Ended, Event, State
+from pdgw.profinet.connection.cmdev import ApplicationRelation, Ended, State
 from pdgw.profinet.connection.cpm import STATUS_IGNORE, Consumer, Verdict
 from pdgw.profinet.device import Refused
 from pdgw.profinet.model import ACCESS_POINT_IDENT, TELEGRAM_IDENT, Module, ObjectKind, Submodule
@@ -19,7 +19,7 @@ from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
 _NAMED_NS: Final = 30 * SECOND
 """Time for which frames that did not count are the cause."""
-_START_UP: Final = {
+START_UP: Final = {
     State.PARAMETERISING: (
         "but its PrmEnd has not come",
         "read the controller's diagnostics: it must write its parameter records, then send PrmEnd",
@@ -34,10 +34,6 @@ _START_UP: Final = {
     ),
 }
 """Of each state before the data: the frame that is missing, and what to do."""
-_SILENCE: Final = frozenset({Event.HOLD_EXPIRED, Event.ACTIVITY_TIMEOUT})
-"""Ends by frames that do not count or do not come."""
-
-
 _REFUSED: Final = {
     "IocrBlockReq.data_hold": "shorten this device's update time in the controller's project, or lower the number of update "
     "cycles of its watchdog",
@@ -55,7 +51,7 @@ def of_start_up(relation: ApplicationRelation, loop: Loop) -> Finding:
     """Which frame is missing until the data of a relationship counts, and since when."""
     if relation.state is State.AWAITING_DATA and (found := of_frames(relation, loop.now())) is not None:
         return found
-    missing, remedy = _START_UP[relation.state]
+    missing, remedy = START_UP[relation.state]
     text = f"the {_controller(relation)} has connected, {missing} since {clock(relation.since_ns, loop)}"
     return Finding(Reason.NO_RELATIONSHIP, text, remedy)
 
@@ -69,9 +65,10 @@ def of_end(relation: ApplicationRelation, ended: Ended, now: int) -> Finding:
     """Why a relationship has ended."""
     text = f"the relationship has ended: {ended.text}"
     hold_ns = 0 if relation.consumer is None else relation.consumer.hold_ns
-    if ended.event in _SILENCE and (frames := of_frames(relation, now, hold_ns >> 1)) is not None:
+    frames = of_frames(relation, now, hold_ns >> 1) if ended.state in (State.AWAITING_DATA, State.DATA) else None
+    if frames is not None:
         return frames._replace(evidence=f"{text}; {frames.evidence}")
-    if (phase := _START_UP.get(ended.state)) is not None:
+    if (phase := START_UP.get(ended.state)) is not None:
         return Finding(
             Reason.NO_RELATIONSHIP, f"{text}: the {_controller(relation)} has connected, {phase[0]}", phase[1]
         )

@@ -292,10 +292,10 @@ class ProfinetLink:
 
     def finding(self, index: int | None = None) -> Finding | None:
         now, relation, consumer = self._loop.now(), self.device.relation, self._consumer
-        if relation is None:
-            return self._without_relationship(now)
-        if not relation.connected or consumer is None:
+        if relation is not None and relation.state in findings.START_UP:
             return findings.of_start_up(relation, self._loop)
+        if relation is None or consumer is None:
+            return self._without_relationship(now)
         if (repeated := self._losses.finding(now)) is not None:
             return repeated
         if not self._receivable:

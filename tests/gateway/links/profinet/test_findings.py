@@ -10,11 +10,13 @@ from typing import Final
 import pytest
 
 from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.links.profinet.findings import differences
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_PRIMARY, STATUS_RUN
 from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.connection.cmdev import State
 from pdgw.profinet.connection.cpm import STATUS_IGNORE
 from pdgw.profinet.model import Module, ObjectKind, Submodule, access_module, object_module
 from pdgw.profinet.rpc.dcerpc import PacketType
@@ -105,6 +107,19 @@ def test_parameters_that_are_sent_again_and_do_not_end_are_named(site: Plant) ->
     site.set(1, ON)
     site.run(SECOND)
     assert "ON ignored: PLC lost: the controller sends its parameters again (PrmBegin), since " in first(site)
+
+
+@pytest.mark.parametrize("state", State, ids=lambda state: state.name)
+def test_each_state_of_a_relationship_has_a_finding_before_its_data(site: Plant, state: State) -> None:
+    never_end_parameters(site)
+    site.plc.start(site.loop.now())
+    site.run(SECOND)
+    relation = site.link.device.relation
+    assert relation is not None
+    relation.state = state
+    found = site.link.finding(0)
+    assert found is not None
+    assert found.reason is Reason.NO_RELATIONSHIP
 
 
 @pytest.mark.parametrize(
@@ -207,6 +222,17 @@ def test_frames_that_come_and_do_not_count_are_named(site: Plant, kind: str) -> 
         assert "check the cable" not in first(site)
     (fault,) = [item for item in site.daemon.axes[0].faults if item.number == 103]
     assert f"no valid frame for 3 cycles: {come}{wrong}" in fault.text
+
+
+def test_frames_before_prm_end_are_not_the_cause_of_a_stuck_start_up(site: Plant) -> None:
+    change_frames(site, FRAMES["not valid"][0])
+    never_end_parameters(site)
+    site.plc.project = replace(site.plc.project, activity_timeout=40)
+    site.plc.start(site.loop.now())
+    for wait in (SECOND, 6 * SECOND):
+        site.run(wait)
+        assert "its PrmEnd has not come" in first(site)
+    assert site.link.device.relation is None
 
 
 def test_a_late_copy_before_the_silence_is_not_its_cause(site: Plant) -> None:
