@@ -186,8 +186,7 @@ class Axis(DriveObject):
             order = ORDERS.get(reason)
             return Origin(By.PLC if order else By.DRIVE, order or (reason or Reason.NEEDS_OFF).value, now)
         evidence = fault.name
-        finding = self.link_finding() if fault.number == FaultNumber.PLC_LOST else None
-        if finding is not None and finding.reason is not Reason.NO_RELATIONSHIP:  # the next start-up is not the cause
+        if fault.number == FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
             return Origin(By.PLC, finding.evidence, now, finding.remedy, fault.number, now, 1)
         if fault.number == FaultNumber.NODE_LOST:
             if self.machine.restart_asked:
