@@ -1,7 +1,7 @@
 """Kinds of encoders, the bits of their registers, and the error root of this package.
 
-Source: CiA DSP 406 V2.0 chapters 7.4 (device type), 8.1.1 (6000h), 8.3.1 (6400h), 8.4.1 (6500h), 8.4.2 (resolution), 8.4.4 (6503h), 8.4.6
-(6505h), 8.4.11 (position limits). Resolutions and lengths are those of the simulated devices.
+Source: CiA DSP 406 V2.0 chapters 7.4 (device type), 8.1.1 (6000h), 8.3.1 (6400h), 8.4.1 (6500h), 8.4.2 (resolution), 8.4.4
+(6503h), 8.4.6 (6505h), 8.4.11 (position limits). Resolutions and lengths are those of the simulated devices.
 """
 
 from __future__ import annotations
