@@ -52,6 +52,7 @@ COMPILED = (
     "gateway/links/new_frames.py",
     "gateway/links/profinet/io_device.py",
     "gateway/links/profinet/pairing.py",
+    "gateway/links/profinet/relationship.py",
     "gateway/base/udp.py",
     "gateway/motion/[!_]*.py",
     "gateway/objects/axis.py",

@@ -22,20 +22,21 @@ from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.store import ParameterStore
 from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
+from pdgw.gateway.links.cyclic import RepeatedLosses
 from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, discard_waiting, is_punctual, silence, watch_calls
 from pdgw.gateway.links.profinet import findings
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
-from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
+from pdgw.gateway.links.profinet.pairing import Pairing
+from pdgw.gateway.links.profinet.relationship import Places, Relationship
 from pdgw.gateway.links.profinet.station import StationKeeper, profinet_model
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.connection.cmdev import ApplicationRelation, Event
-from pdgw.profinet.connection.cpm import Consumer, Verdict
-from pdgw.profinet.connection.ppm import NEVER, Provider
+from pdgw.profinet.connection.cpm import Verdict
+from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -54,34 +55,12 @@ _NOT_IN_FORCE: Final = -1
 _HELD_UP: Final = "the gateway was held up for longer than the watchdog time, and frames waited meanwhile"
 _DIFFERENCES: Final = 3
 """Differences of other slots that are named; the log has all."""
-_SHORTEST_WATCHDOG: Final = 2
-"""Cycles: the gateway reads in each cycle, at a time that varies."""
 
 
 class Served(Diagnosed, Protocol):
     """Data of a drive object for the link."""
 
     telegram: Telegram
-
-
-class _Places:
-    """The place of input data and IOPS of each drive object in the frames of one provider, and its IOPS."""
-
-    def __init__(self, provider: Provider, objects: int) -> None:
-        self.data = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, objects + 1)]
-        self.good: list[bool | None] = [None] * objects
-
-
-def _order_mask(consumer: Consumer, telegrams: Sequence[Telegram]) -> int:
-    """The bits of a frame from its FrameID on that are orders: all but the cycle counter, setpoints and signs of life."""
-    mask = bytearray([0xFF]) * consumer.size
-    mask[consumer.trailer : consumer.trailer + 2] = bytes(2)
-    for index, telegram in enumerate(telegrams):
-        where = consumer.place((index + 1, TELEGRAM_SUBSLOT))
-        orders = control_mask(telegram.setpoints)
-        if where is not None and where[1] - where[0] == len(orders):
-            mask[where[0] : where[1]] = orders
-    return int.from_bytes(mask, "big")
 
 
 class ProfinetLink:
@@ -107,23 +86,16 @@ class ProfinetLink:
         self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(loop, _WAITING)
         self._tasks: list[Task] = []
         self._timer: Timer | None = None
-        self._consumer: Consumer | None = None
-        """Data of the connected controller."""
-        self._order_mask = self._ordered = 0
-        """All bits of a frame that are orders, and the orders of the newest one."""
-        self._pairing: Pairing | None = None
-        """None: the relationship has two cycles or a long one, or there is none."""
+        self._relationship: Relationship | None = None
+        """With the connected controller."""
         self._exchange: Callable[[], None] = lambda: None
         self._closed = False
         self._answering = False
         """The input frame is due, and is sent as soon as it contains the answer to the frame that was read for it."""
         self._watch: Timer | None = None
         self._receivable = False
-        self._limit_ns = 0
         self._losses = RepeatedLosses(0)
-        """Of this relationship."""
-        self._held_up_ns = NEVER
-        """If the port was not read for longer, the frames in it are not used, and the PLC is lost."""
+        """Of the newest relationship."""
         self._read_at = 0
         self._received_at = 0
         self.more = True
@@ -131,11 +103,7 @@ class ProfinetLink:
         self._reported: list[set[MessageClass]] = [set() for _ in objects]
         self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
-        self._placed_for: ApplicationRelation | None = None
-        self._places: _Places | None = None
-        """Places in the frames of this relationship."""
-        self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
-        """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
+        self._places: Places | None = None
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
         self.layout_token = object()
         self.recorder: FrameRecorder | None = None
@@ -200,7 +168,13 @@ class ProfinetLink:
 
     @property
     def takes_together(self) -> bool:
-        return self._pairing is not None and self._pairing.is_short
+        pairing = self._pairing
+        return pairing is not None and pairing.is_short
+
+    @property
+    def _pairing(self) -> Pairing | None:
+        relationship = self._relationship
+        return None if relationship is None else relationship.pairing
 
     def start(self, action: Callable[[], None]) -> None:
         station = self.station
@@ -212,9 +186,9 @@ class ProfinetLink:
         self._pump()
 
     def receive(self, now: int, at_most: int = AT_ONCE) -> bool:
-        device = self.device
-        held_up, self._read_at = now - self._read_at > self._held_up_ns, now
-        if held_up and discard_waiting(self.port.receive):
+        device, relationship = self.device, self._relationship
+        since, self._read_at = now - self._read_at, now
+        if relationship is not None and since > relationship.held_up_ns and discard_waiting(self.port.receive):
             # Frames that waited for an unknown time are not a sign of life, and their orders may be old.
             self._report_loss(_HELD_UP)
         fresh = False
@@ -226,8 +200,9 @@ class ProfinetLink:
                 fresh = True
                 if self._is_changed():
                     # The axes process a changed order or a STOP before the frames after it, which wake the loop.
-                    if self._pairing is not None:
-                        self._pairing.end()
+                    pairing = self._pairing
+                    if pairing is not None:
+                        pairing.end()
                     break
         if not device.quiet:
             self._pump()
@@ -238,28 +213,29 @@ class ProfinetLink:
 
     def _is_changed(self) -> bool:
         """Whether orders of the newest frame differ from those of the frame before it, or its relationship is new."""
-        relation, consumer = self.device.relation, self._consumer
-        if relation is None or consumer is None or relation.consumer is not consumer:
+        relation, relationship = self.device.relation, self._relationship
+        if relation is None or relationship is None or relation.consumer is not relationship.consumer:
             return True
-        before = self._ordered
-        self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
-        return self._ordered != before
+        before = relationship.ordered
+        relationship.ordered = int.from_bytes(relationship.consumer.payload, "big") & relationship.order_mask
+        return relationship.ordered != before
 
     def _read_setpoints(self, now: int) -> None:
-        consumer, setpoints = self._consumer, self.setpoints
-        if consumer is None:
+        relationship, setpoints = self._relationship, self.setpoints
+        if relationship is None:
             return
+        consumer, pairing = relationship.consumer, relationship.pairing
         since, self._received_at = now - self._received_at, now
         self.more = not is_punctual(since, consumer.cycle_ns)
-        if self._pairing is not None and not self._pairing.together:
-            self._pairing.came(now)
+        if pairing is not None and not pairing.together:
+            pairing.came(now)
         if self._unreported:
-            self._ordered = _NOT_IN_FORCE
+            relationship.ordered = _NOT_IN_FORCE
             return
-        if since > self._limit_ns:
+        if since > relationship.limit_ns:
             self._losses.returned(now, since)
         payload = consumer.payload
-        for index, unpack_from, offset, iops in self._outputs:
+        for index, unpack_from, offset, iops in relationship.outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD
             setpoints[index] = unpack_from(payload, offset) if good else None
         self._receivable = True
@@ -267,18 +243,19 @@ class ProfinetLink:
     def poll(self, now: int) -> str:
         if not self._receivable:
             return ""
-        consumer = self._consumer
+        relationship = self._relationship
         if self._unreported:
             loss, self._unreported = self._unreported, ""
-        elif consumer is None or consumer.data_ns is None:
+        elif relationship is None or relationship.consumer.data_ns is None:
             loss = "" if self._end is None else self._end.evidence
         else:
-            if now - consumer.data_ns <= self._limit_ns:
+            limit_ns = relationship.limit_ns
+            if now - relationship.consumer.data_ns <= limit_ns:
                 return ""
             loss = silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
             relation = self.device.relation
-            if relation is not None and (found := findings.of_frames(relation, now, self._limit_ns >> 1)) is not None:
+            if relation is not None and (found := findings.of_frames(relation, now, limit_ns >> 1)) is not None:
                 loss = f"{loss}: {found.text}"
                 self._losses.add(now, 0, found)
         self._receivable = False
@@ -291,21 +268,21 @@ class ProfinetLink:
             self._unreported = loss
 
     def finding(self, index: int | None = None) -> Finding | None:
-        now, relation, consumer = self._loop.now(), self.device.relation, self._consumer
+        now, relation, relationship = self._loop.now(), self.device.relation, self._relationship
         if relation is not None and relation.state in findings.START_UP:
             return findings.of_start_up(relation, self._loop)
-        if relation is None or consumer is None:
+        if relation is None or relationship is None:
             return self._without_relationship(now)
         if (repeated := self._losses.finding(now)) is not None:
             return repeated
         if not self._receivable:
-            if (found := findings.of_frames(relation, now, self._limit_ns >> 1)) is not None:
+            if (found := findings.of_frames(relation, now, relationship.limit_ns >> 1)) is not None:
                 return found
-        elif not consumer.running:
+        elif not relationship.consumer.running:
             return Finding.of(Reason.PLC_STOP)
         if index is None or self.setpoints[index] is not None:
             return None
-        if all(index != known for known, *_ in self._outputs):
+        if all(index != known for known, *_ in relationship.outputs):
             own = self._differences.get(index + 1)
             others = [text for slot, text in self._differences.items() if slot != index + 1]
             return Finding.of(Reason.NO_RELATIONSHIP, "; ".join([*filter(None, [own]), *others[:_DIFFERENCES]]))
@@ -345,7 +322,8 @@ class ProfinetLink:
             # Filled from the Connect on: the data must be valid at ApplicationReady.
             self._fill(relation, relation.provider, actuals, good)
         if self._answering:
-            lead = 0 if self._pairing is None else self._pairing.lead
+            pairing = self._pairing
+            lead = 0 if pairing is None else pairing.lead
             self._answering = not self._provide(self._loop.now() + lead)
         watch = self._watch
         if watch is not None and now + _EARLY_NS >= watch.when:
@@ -360,9 +338,8 @@ class ProfinetLink:
         good: Sequence[bool],
     ) -> None:
         places = self._places
-        if places is None or relation is not self._placed_for:
-            self._placed_for = relation
-            places = self._places = _Places(provider, len(self._telegrams))
+        if places is None or relation is not places.relation:
+            places = self._places = Places(relation, provider, len(self._telegrams))
         statuses = places.good
         for index, telegram in enumerate(self._telegrams):
             place = places.data[index]
@@ -383,7 +360,8 @@ class ProfinetLink:
         self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
 
     def places(self) -> FramePlaces:
-        offsets = {index: offset for index, _, offset, _ in self._outputs}
+        relationship = self._relationship
+        offsets = {} if relationship is None else {index: offset for index, _, offset, _ in relationship.outputs}
         setpoints = tuple(offsets.get(index) for index in range(len(self._telegrams)))
         data = [None] * len(self._telegrams) if self._places is None else self._places.data
         return FramePlaces("profinet", setpoints, tuple(None if place is None else place[0] for place in data))
@@ -471,16 +449,21 @@ class ProfinetLink:
         while True:
             data, source = self._datagrams.get()
             try:
-                if self._pairing is not None and self._pairing.together:
+                pairing = self._pairing
+                if pairing is not None and pairing.together:
                     self._exchange()  # the waiting frame arrived before this call
                 self.device.on_datagram(data, source, self._loop.now())
                 relation = self.device.relation
-                if relation is None or not relation.connected:
+                connected = relation is not None and relation.connected
+                if not connected:
                     self.lose_setpoints()
-                if relation is not None and relation.consumer is self._consumer and not relation.connected:
+                relationship = self._relationship
+                ours = relationship is not None and relation is not None and relation.consumer is relationship.consumer
+                if ours and not connected:
                     # Setpoints of the controller do not count until the parameters are complete.
                     self._report_loss("the controller sends its parameters again (PrmBegin)")
-                if self._newest is not None and relation is not None and relation is not self._placed_for:
+                placed = None if self._places is None else self._places.relation
+                if self._newest is not None and relation is not None and relation is not placed:
                     self.send(*self._newest, self._loop.now())
                 self._pump()
             except Exception as error:  # an error of one call: serve the next one
@@ -529,8 +512,9 @@ class ProfinetLink:
     def _call_at(self, due: int, *, exactly: bool = False) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        if self._pairing is not None and not exactly:
-            due = self._pairing.wake(due)
+        pairing = self._pairing
+        if pairing is not None and not exactly:
+            due = pairing.wake(due)
         self._timer = self._loop.call_at(due, self._on_due)
 
     def _send_waiting(self) -> None:
@@ -557,23 +541,11 @@ class ProfinetLink:
                 if provider is None or consumer is None:
                     return
                 self._release()
-                for index, telegram in enumerate(self._telegrams):
-                    place = (index + 1, TELEGRAM_SUBSLOT)
-                    where = consumer.place(place) if place in relation.plan.proper else None
-                    if where is not None:
-                        self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
-                self._consumer = consumer
-                self._order_mask = _order_mask(consumer, self._telegrams)
-                self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
+                transport = self._config.transport
+                self._relationship = Relationship(relation, consumer, provider, self.port, transport, self._telegrams)
+                self._losses = RepeatedLosses(self._relationship.limit_ns)
                 self._end, self._owner = None, ""
                 self._keeper.forget_refused()
-                if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
-                    self._pairing = Pairing(self.port, provider)
-                transport = self._config.transport
-                self._limit_ns = transport.watchdog_factor * consumer.cycle_ns
-                self._losses = RepeatedLosses(self._limit_ns)
-                cycles = max(transport.watchdog_factor, _SHORTEST_WATCHDOG)
-                self._held_up_ns = cycles * max(int(transport.cycle_time_ms * MS), consumer.cycle_ns)
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
                 text = f"controller {relation.plan.ar.station_name} {relation.source[0]} connected, cycle {cycle:g} ms"
@@ -587,8 +559,8 @@ class ProfinetLink:
                 for text in self._differences.values():
                     log.warning("%s", text)
             case Disconnected(relation, ended):
-                if relation is self._placed_for:
-                    self._placed_for = self._places = None
+                if self._places is not None and relation is self._places.relation:
+                    self._places = None
                 text = f"controller {relation.plan.ar.station_name} disconnected: {ended.text}"
                 log.error("%s", text)
                 self.log_event(f"PLC not connected: {text}")
@@ -602,11 +574,9 @@ class ProfinetLink:
 
     def _release(self) -> None:
         """Nothing is taken of the relationship any more."""
-        self._outputs.clear()
-        self._consumer = None
-        if self._pairing is not None:
-            self._pairing.end()
-            self._pairing = None
+        pairing, self._relationship = self._pairing, None
+        if pairing is not None:
+            pairing.end()
 
     def _on_watch(self) -> None:
         """Report problems of the drive objects as diagnosis of their access points."""
