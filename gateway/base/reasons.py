@@ -198,7 +198,7 @@ class Reason(enum.Enum):
         "check the home switch and the homing speeds; then start homing again",
     )
     FUNCTION_RUNS = (
-        "an edge of STW1.6 or STW1.11 came while another function of the positioner was active: it starts nothing",
+        "an edge of STW1.6, .8, .9 or .11 came while another function of the positioner was active: it starts nothing",
         "end the active function, then send the edge again",
     )
     TASK_BLOCK_UNKNOWN = (

@@ -30,7 +30,17 @@ from pdgw.gateway.motion.requests import (
     PositionerRequest,
     Seen,
 )
-from pdgw.gateway.motion.states import FUNCTIONS, JOGS, TASK_STATES, TRANSITIONS, Action, Event, State, Transition
+from pdgw.gateway.motion.states import (
+    FUNCTIONS,
+    JOG_STATES,
+    JOGS,
+    TASK_STATES,
+    TRANSITIONS,
+    Action,
+    Event,
+    State,
+    Transition,
+)
 from pdgw.gateway.motion.travel import Course, UserCourse
 from pdgw.profidrive.signals import signal
 
@@ -42,8 +52,10 @@ _NO_INTERMEDIATE_STOP, _SETTING_UP_SELECTED = Command.NO_INTERMEDIATE_STOP, Comm
 _JOG_INCREMENTAL, _TRACKS = Command.JOG_INCREMENTAL, Command.TRACKING
 _SOFTWARE_LIMITS, _HARDWARE_LIMITS = Command.SOFTWARE_LIMITS, Command.HARDWARE_LIMITS
 _PASSIVE_HOMING: Final = Command.PASSIVE_HOMING
-RISING: Final = ACTIVATE | HOME | Command.EXTERNAL_BLOCK_CHANGE | Command.SET_REFERENCE_POINT
-"""Commands whose rising edges count."""
+_REFER: Final = Command.SET_REFERENCE_POINT
+RISING: Final = ACTIVATE | HOME | Command.EXTERNAL_BLOCK_CHANGE
+"""Commands whose rising edges count in operation, where that of ``_REFER`` counts as well."""
+_UNDER_ORDERS: Final = Seen.OPERATING | Seen.ASKED
 _ON_THE_FLY: Final = HOME | _PASSIVE_HOMING
 _UPDATES: Final = Command.CONTINUOUS_UPDATE | ACTIVATE
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
@@ -90,6 +102,8 @@ _FUNCTION_BITS = {
 """POS_ZSW1 bits of the displayed function,"""
 _RUNNING_BITS = dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _FIRST["JOGGING"])
 """and of the one that is."""
+_WITHOUT_MOTION = (State.OFF, State.IDLE, State.TRACKING)
+"""Nothing moves the axis: its reference point may be set."""
 _SELECTABLE = (State.IDLE, State.BRAKING)
 """Nothing else runs: the selected mode is shown."""
 _OUTPUT_1 = signal("POS_ZSW2").bit("OUTPUT_1").position
@@ -134,7 +148,8 @@ class Positioner:
         self.request = NOTHING
         """The commands of this step."""
         self._commands = 0
-        """The commands of the step before; out of operation without those whose edges count."""
+        """The commands of the step before; out of operation without those whose edges count in it, and without a PLC in control
+        with ``_REFER``, because a bit that is 1 in its first frame is no edge."""
         self._effective = 0
         """Bits of ``FUNCTIONS`` that are 1 and have started one."""
         self._early = 0
@@ -237,14 +252,18 @@ class Positioner:
         """The edge of these bits comes, or their effect ends: keep which commands are 0 now, else which function runs."""
         state = self.state
         runs = "" if state in _SELECTABLE or state is _OFF else f"{state.value} was active at its edge"
-        for bit in (ACTIVATE, HOME):
+        commands = self.request.commands
+        for bit in (ACTIVATE, HOME, JOGS):
             if bits & bit:
                 zeros = [
                     name
                     for command, name in self.NEEDED.items()
-                    if not self.request.commands & command and (bit == ACTIVATE or command != _NO_INTERMEDIATE_STOP)
+                    if not commands & command and (bit == ACTIVATE or command != _NO_INTERMEDIATE_STOP)
                 ]
-                self._lacked[bit] = f"{' = '.join(zeros)} = 0 at its edge or after it" if zeros else runs
+                if bit == JOGS and commands & JOGS == JOGS:
+                    self._lacked[bit] = "STW1.8 = STW1.9 = 1 at a time"
+                else:
+                    self._lacked[bit] = f"{' = '.join(zeros)} = 0 at its edge or after it" if zeros else runs
 
     def lacked(self, bits: int) -> str:
         """Why the last edge of one of these bits started nothing; with none of them, the function that runs."""
@@ -252,10 +271,7 @@ class Positioner:
             return self.state.value
         if self._early & bits:
             return "it was 1 before operation"
-        if bits & JOGS:
-            both = self.request.commands & JOGS == JOGS
-            return "both are 1" if both else f"{self.NEEDED[_DO_NOT_REJECT]} = 0 at its edge or after it"
-        return self._lacked.get(bits) or "its task was rejected"
+        return self._lacked.get(bits | JOGS if bits & JOGS else bits) or "its task was rejected"
 
     def _homing_is(self, result: HomingResult) -> bool:
         return self.seen.taken >= self.course.motion.serial and self.seen.homing is result
@@ -419,20 +435,27 @@ class BasicPositioner(Positioner):
         """Evaluate changed bits before the table: edges, and the words they belong to."""
         operating, commands, edges = self.seen.bits & Seen.OPERATING != 0, self.request.commands, self._edges
         self._follow_bits(operating=operating)
-        if self._commands & ~commands & HOME and self.travel.warning is Reason.FUNCTION_RUNS:
+        if self._commands & ~commands & (HOME | JOGS) and self.travel.warning is Reason.FUNCTION_RUNS:
             self.warn(None)  # this order is withdrawn
         self._commands = commands if operating else commands & ~RISING
+        if not self.seen.bits & _UNDER_ORDERS:
+            self._commands |= _REFER
         accepts = commands & _DO_NOT_REJECT
         jogs = commands & JOGS
         allowed = operating and accepts and jogs != JOGS
-        self._armed = JOGS & ~jogs | (self._armed if allowed else 0)
+        armed, self._armed = self._armed, JOGS & ~jogs | (self._armed if allowed else 0)
         if not accepts:
             self._pending = None
         if not (accepts and commands & HOME):
             self._homing_waits = False
+        if edges & _REFER:
+            self._set_reference_point()
         if self.state is _OFF:
             return
-        self._note_lacking(edges)
+        if edges & self._armed and self.state not in JOG_STATES:
+            self._armed &= ~edges
+            self.warn(Reason.FUNCTION_RUNS)
+        self._note_lacking(edges | armed & jogs & ~self._armed)
         if edges & ACTIVATE:
             if not accepts:
                 self.warn(Reason.LOST_EDGE)
@@ -449,8 +472,6 @@ class BasicPositioner(Positioner):
                 self.warn(Reason.FUNCTION_RUNS)
         if edges & Command.EXTERNAL_BLOCK_CHANGE:
             self._chain.external = True
-        if edges & Command.SET_REFERENCE_POINT:
-            self._set_reference_point()
 
     def _captured(self) -> _Task:
         """The present request, and why it is impossible."""
@@ -506,8 +527,14 @@ class BasicPositioner(Positioner):
     # -- functions ------------------------------------------------------------------------------------------------------
 
     def _clear(self) -> None:
-        """Operation begins, or a reject without a function. An edge that started nothing stays named until operation."""
-        if self.state is _OFF or self.travel.warning is not Reason.LOST_EDGE:
+        """Operation begins, or a reject without a function. An edge that started nothing stays named until operation, and the
+        edge of a reference point that was not set until its bit falls."""
+        warning = self.travel.warning
+        if self.state is not _OFF:
+            kept = warning is Reason.LOST_EDGE
+        else:
+            kept = warning is Reason.REFERENCE_POINT_MOVING and self.request.commands & _REFER != 0
+        if not kept:
             self.warn(None)
 
     def _forget(self) -> None:
@@ -613,7 +640,7 @@ class BasicPositioner(Positioner):
         self.home_set = True
 
     def _set_reference_point(self) -> None:
-        if (self.state is _IDLE or self.state is _TRACKING) and self.seen.bits & _STANDSTILL:
+        if self.state in _WITHOUT_MOTION and self.seen.bits & _STANDSTILL:
             self._refer(self.seen.position)
         else:
             self.warn(Reason.REFERENCE_POINT_MOVING)

@@ -108,6 +108,8 @@ class Seen:
     NEGATIVE_LIMIT: Final = 1 << 6
     POSITIVE_LIMIT: Final = 1 << 7
     TORQUE_AT_LIMIT: Final = 1 << 8
+    ASKED: Final = 1 << 9
+    """Out of operation: the request is that of a PLC in control."""
 
 
 @dataclass(slots=True, eq=False)

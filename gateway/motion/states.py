@@ -211,3 +211,5 @@ TASK_STATES = frozenset(state for state, rows in TRANSITIONS.items() if any(row.
     State.BRAKING
 }
 """States that accept an edge of STW1.6; BRAKING keeps it until standstill. Others reject it."""
+JOG_STATES = frozenset({State.OFF, State.IDLE, State.JOG, State.JOG_INCREMENTAL, State.BRAKING})
+"""The same for an edge of STW1.8 or .9; one before operation is early."""

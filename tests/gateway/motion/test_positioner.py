@@ -11,7 +11,7 @@ from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
 from pdgw.gateway.motion.requests import FULL, Command, Seen
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
-from tests.support.axis.positioner import ABSOLUTE, CYCLE, RELATIVE, SETTINGS, PositionerRig, move
+from tests.support.axis.positioner import ABSOLUTE, CYCLE, RELATIVE, SETTINGS, PositionerRig, changed, move
 
 # -- the table ----------------------------------------------------------------------------------------------------------
 
@@ -288,6 +288,51 @@ def test_both_jog_bits_ramp_down_and_the_one_left_does_not_move() -> None:
     assert rig.speed > 0
 
 
+@pytest.mark.parametrize(
+    ("lacking", "given", "why"),
+    [
+        ({"jog_1": True, "jog_2": True}, {"jog_1": False}, "STW1.8 = STW1.9 = 1 at a time"),
+        ({"jog_2": True, "do_not_reject": False}, {"do_not_reject": True}, "STW1.4 = 0 at its edge or after it"),
+        ({"jog_2": True, "operating": False}, {"operating": True}, "it was 1 before operation"),
+    ],
+)
+def test_a_jog_that_starts_nothing_keeps_the_cause_of_its_edge(
+    lacking: dict[str, bool], given: dict[str, bool], why: str
+) -> None:
+    rig = PositionerRig()
+    rig.step(3, **lacking)
+    rig.step(60, **given)
+    assert (rig.speed, rig.result.reason) == (0, Reason.LOST_JOG)
+    assert rig.positioner.lacked(Command.JOG_2_ON) == why
+
+
+@pytest.mark.parametrize("function", ["MDI position", "setting up", "traversing block", "homing", "tracking"])
+@pytest.mark.parametrize("incremental", [False, True])
+def test_a_jog_edge_during_another_function_is_refused_and_not_kept(function: str, incremental: bool) -> None:
+    rig = PositionerRig(blocks=(Block(3, 9000, 3000),), delay=8)
+    begin: dict[str, dict[str, object]] = {
+        "MDI position": {"target": 9000, "activate": True, **ABSOLUTE},
+        "setting up": {"mdi": True, "setting_up": True, "positive": True, "velocity": 3000, "activate": True},
+        "traversing block": {"number": 3, "activate": True},
+        "homing": {"homing": True},
+        "tracking": {"tracking": True},
+    }
+    rig.step(2, jog_incremental=incremental, **begin[function])
+    assert rig.result.state.value == function
+    rig.step(2, jog_2=True)
+    assert rig.result.reason is Reason.FUNCTION_RUNS
+    rig.step(5, activate=False, homing=False, tracking=False, do_not_reject=function != "setting up")
+    rig.step(do_not_reject=True)
+    rig.run_out()
+    position = rig.position
+    rig.step(200)
+    assert (rig.position, rig.result.reason) == (position, Reason.LOST_JOG)
+    assert rig.positioner.lacked(Command.JOG_2_ON) == f"{function} was active at its edge"
+    rig.step(2, jog_2=False)
+    rig.step(60, jog_2=True)
+    assert rig.position > position, "an edge of its own moves the axis"
+
+
 def test_jog_changes_over_through_standstill() -> None:
     rig = PositionerRig()
     rig.step(60, jog_1=True)
@@ -354,6 +399,46 @@ def test_jog_and_tasks_do_not_replace_each_other() -> None:
     move(rig, target=30_000, **ABSOLUTE)
     rig.step(20, jog_1=True)
     assert rig.result.state is State.MDI
+
+
+@pytest.mark.parametrize("standstill", [True, False])
+def test_a_reference_point_is_set_by_its_edge_while_the_axis_is_off_and_at_standstill(standstill: bool) -> None:
+    rig = PositionerRig()
+    rig.step(20, jog_2=True)
+    rig.step(100, operating=False, jog_2=False)
+    rig.show(Seen.ASKED, True)
+    rig.show(Seen.STANDSTILL, standstill)
+    rig.positioner.step(rig.request, rig.now)
+    rig.positioner.step(changed(rig.request, set_reference_point=True), rig.now)
+    assert rig.positioner.home_set is standstill
+    assert (rig.positioner.course.warning is Reason.REFERENCE_POINT_MOVING) is not standstill
+    assert (rig.positioner.position == 0) is standstill
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_reference_bit_of_the_first_frame_is_no_edge(first: bool) -> None:
+    rig = PositionerRig()
+    rig.step(3, operating=False)
+    rig.show(Seen.ASKED, True)
+    rig.step(operating=False, set_reference_point=first)
+    rig.step(3, operating=False, set_reference_point=True)
+    assert rig.result.home_set is not first
+    rig.step(3, operating=True)
+    assert rig.result.home_set is not first
+
+
+def test_a_refused_reference_point_is_named_until_its_bit_falls() -> None:
+    rig = PositionerRig()
+    rig.step(operating=False)
+    rig.show(Seen.ASKED, True)
+    rig.step(operating=False)
+    rig.show(Seen.STANDSTILL, False)
+    rig.positioner.step(changed(rig.request, set_reference_point=True), rig.now)
+    rig.step(3, operating=True, set_reference_point=True)
+    assert rig.result.reason is Reason.REFERENCE_POINT_MOVING
+    rig.step(operating=False)
+    rig.step(3, operating=True, set_reference_point=False)
+    assert rig.result.reason is None
 
 
 # -- limits ---------------------------------------------------------------------------------------------------------------

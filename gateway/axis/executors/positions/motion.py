@@ -268,6 +268,8 @@ class MotionExecutor(Executor):
         if operates:
             self.outputs.reason = None
             bits = Seen.OPERATING
+        elif self._asked.connected and self._asked.in_control:
+            bits = Seen.ASKED
         mode.read()
         self._taking.read(self._acknowledges, inputs.now)
         if inputs.standstill:
