@@ -198,28 +198,28 @@ class Reason(enum.Enum):
         "check the home switch and the homing speeds; then start homing again",
     )
     FUNCTION_RUNS = (
-        "an edge of STW1.6, .8, .9 or .11 came while another function of the positioner was active: it starts nothing",
+        "an edge of STW1.6, .8, .9 or .11 came while another function of the positioner was active: it started nothing",
         "end the active function, then send the edge again",
     )
     TASK_BLOCK_UNKNOWN = (
-        "traversing block does not exist: nothing moves",
-        "select a block of the configuration",
+        "the task selected a traversing block that does not exist: it was not started",
+        "select a block of the configuration, and then a new edge of STW1.6",
     )
     TASK_SPEED_ZERO = (
-        "speed of the task is 0: nothing moves",
-        "give the task a speed above 0",
+        "the task had speed 0: it was not started",
+        "give the task a speed above 0, and then a new edge of STW1.6",
     )
     TASK_TARGET_RANGE = (
-        "target of the task is out of range: nothing moves",
-        "give a target in range",
+        "the target of the task was out of range: it was not started",
+        "give a target in range, and then a new edge of STW1.6",
     )
     TASK_DIRECTION = (
-        "setting up needs exactly one bit of direction, a modulo axis at most one: nothing moves",
-        "set one of POS_STW1.9 and .10 (telegram 110: MDI_MOD.1 and .2)",
+        "setting up needs exactly one bit of direction, a modulo axis at most one: the task was not started",
+        "set one of POS_STW1.9 and .10 (telegram 110: MDI_MOD.1 and .2), and then a new edge of STW1.6",
     )
     UPDATE_RELATIVE = (
-        "continuous update needs absolute positions: nothing changes",
-        "select absolute positioning",
+        "continuous update needs absolute positions: the change had no effect",
+        "select absolute positioning, and then a new edge of STW1.6",
     )
     OVERRIDE_ZERO = (
         "OVERRIDE is 0: the task waits",
@@ -357,8 +357,8 @@ class Reason(enum.Enum):
         _S.STARTING,
     )
     TASK_RAMP_ZERO = (
-        "acceleration or deceleration of the task is 0: nothing moves",
-        "give the task an acceleration and a deceleration above 0",
+        "the task had acceleration or deceleration 0: it was not started",
+        "give the task an acceleration and a deceleration above 0, and then a new edge of STW1.6",
     )
     NOT_REACHED = (
         "the axis is at standstill before its target: Statusword.10 = 0",
@@ -482,8 +482,8 @@ class Reason(enum.Enum):
         _S.FAULT,
     )
     TASK_VELOCITY = (
-        "velocity x OVERRIDE of the task is below 100 %, the only velocity of this drive (no 6081h)",
-        "set the velocity of the task to 100 % (max_velocity) and OVERRIDE to 4000h (100 %); then send a new task",
+        "velocity x OVERRIDE of the task was below 100 %, the only velocity of this drive (no 6081h)",
+        "set the velocity of the task to 100 % (max_velocity) and OVERRIDE to 4000h (100 %), and then a new edge of STW1.6",
     )
     NOT_LEFT = (
         "the drive is at standstill and has not left operation yet",
@@ -492,8 +492,9 @@ class Reason(enum.Enum):
         _S.STOPPING,
     )
     TASK_DRIVE_RANGE = (
-        "the positions of the drive end before the target of the task: nothing moves",
-        "give a target before this end; an endless axis needs 607Bh = 0/0, or a drive that wraps at 607Bh",
+        "the positions of the drive end before the target of the task: it was not started",
+        "give a target before this end, and then a new edge of STW1.6; "
+        "an endless axis needs 607Bh = 0/0, or a drive that wraps at 607Bh",
     )
     AT_SOFTWARE_LIMIT = (
         "the axis is at a software limit, and its jog, setting up or endless block leads beyond it",

@@ -45,6 +45,7 @@ class MdiPositioner(Positioner):
 
     FUNCTIONS: ClassVar[int] = _FUNCTIONS
     NEEDED: ClassVar[Mapping[int, str]] = {**Positioner.NEEDED, _MDI_SELECTED: "SATZANW.15"}
+    HOLDING: ClassVar[Mapping[State, str]] = {_HOMING: "STW1.11"}
 
     def __init__(self, drive: MdiDrive) -> None:
         self._drive = drive

@@ -138,6 +138,8 @@ class Positioner:
     """Bits that start a function."""
     NEEDED: ClassVar[Mapping[int, str]] = {_DO_NOT_REJECT: "STW1.4", _NO_INTERMEDIATE_STOP: "STW1.5"}
     """Commands without which a task does not start, with their names; a homing needs no intermediate stop less."""
+    HOLDING: ClassVar[Mapping[State, str]] = {}
+    """The bit that keeps a function active as long as it is 1."""
 
     def __init__(self, course: Course, transitions: Mapping[State, tuple[Transition, ...]]) -> None:
         self.course = course
@@ -149,7 +151,7 @@ class Positioner:
         """The commands of this step."""
         self._commands = 0
         """The commands of the step before; out of operation without those whose edges count in it, and without a PLC in control
-        with ``_REFER``, because a bit that is 1 in its first frame is no edge."""
+        with ``_REFER``, because a bit that is 1 in its first frame is not an edge."""
         self._effective = 0
         """Bits of ``FUNCTIONS`` that are 1 and have started one."""
         self._early = 0
@@ -252,6 +254,8 @@ class Positioner:
         """The edge of these bits comes, or their effect ends: keep which commands are 0 now, else which function runs."""
         state = self.state
         runs = "" if state in _SELECTABLE or state is _OFF else f"{state.value} was active at its edge"
+        if state in self.HOLDING:
+            runs = f"{self.HOLDING[state]} = 1 ({state.value}) at its edge"
         commands = self.request.commands
         for bit in (ACTIVATE, HOME, JOGS):
             if bits & bit:
@@ -261,7 +265,7 @@ class Positioner:
                     if not commands & command and (bit == ACTIVATE or command != _NO_INTERMEDIATE_STOP)
                 ]
                 if bit == JOGS and commands & JOGS == JOGS:
-                    self._lacked[bit] = "STW1.8 = STW1.9 = 1 at a time"
+                    self._lacked[bit] = "both were 1"
                 else:
                     self._lacked[bit] = f"{' = '.join(zeros)} = 0 at its edge or after it" if zeros else runs
 

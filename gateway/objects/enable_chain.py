@@ -372,7 +372,11 @@ def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
         lacked = executor.lacked(bits)
         text = f"{text}: {lacked}"
         zeros, _, at_edge = lacked.partition(" = 0 ")
-        remedy = f"{remedy}, with {zeros} = 1" if at_edge else remedy
+        holding, _, held = lacked.partition(" = 1 (")
+        if at_edge:
+            remedy = f"{remedy}, with {zeros} = 1"
+        elif held:
+            remedy = f"after the {held.partition(')')[0]}, set {holding} to 0; then {remedy}"
     elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and positioner.software_limits:
         text = "{}: {} to {} LU".format(text, *positioner.software_limits)
     elif reason in _AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:

@@ -291,7 +291,7 @@ def test_both_jog_bits_ramp_down_and_the_one_left_does_not_move() -> None:
 @pytest.mark.parametrize(
     ("lacking", "given", "why"),
     [
-        ({"jog_1": True, "jog_2": True}, {"jog_1": False}, "STW1.8 = STW1.9 = 1 at a time"),
+        ({"jog_1": True, "jog_2": True}, {"jog_1": False}, "both were 1"),
         ({"jog_2": True, "do_not_reject": False}, {"do_not_reject": True}, "STW1.4 = 0 at its edge or after it"),
         ({"jog_2": True, "operating": False}, {"operating": True}, "it was 1 before operation"),
     ],
@@ -416,7 +416,7 @@ def test_a_reference_point_is_set_by_its_edge_while_the_axis_is_off_and_at_stand
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_a_reference_bit_of_the_first_frame_is_no_edge(first: bool) -> None:
+def test_a_reference_bit_of_the_first_frame_is_not_an_edge(first: bool) -> None:
     rig = PositionerRig()
     rig.step(3, operating=False)
     rig.show(Seen.ASKED, True)

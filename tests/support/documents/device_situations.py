@@ -297,7 +297,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "telegram 111: STW1.8 and STW1.9 are both 1": DeviceSituation(
         tables=POSITIONER,
         begin=words((0x043F, MDI), (0x073F, {})),
-        says=("Waits", "STW1.8 or STW1.9 = 1 starts no jog: both are 1", "then one of them to 1"),
+        says=("Waits", "STW1.8 or STW1.9 = 1 starts no jog: both were 1", "then one of them to 1"),
         lacks=("STW1.4",),
         health=Health.WARNING,
         cure=words((0x043F, {})),
@@ -415,7 +415,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "telegram 111: the traversing block does not exist": DeviceSituation(
         tables=POSITIONER,
         begin=words((0x043F, {"POS_STW1": 63, "OVERRIDE": 0x4000}), (0x047F, {})),
-        says=("Waits: traversing block does not exist", "select a block of the configuration"),
+        says=("Waits: the task selected a traversing block that does not exist", "select a block of the configuration"),
         health=Health.WARNING,
         cure=words((0x043F, MDI), (0x047F, {})),
     ),
