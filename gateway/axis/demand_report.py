@@ -95,6 +95,8 @@ class SpeedDemand(Demand):
         self.speed = 0
         """Fraction of the reference speed."""
         self.speed_wish: SpeedWish = SpeedWish.FOLLOW
+        self.jogs = 0
+        """Bits of STW1 that ask for a jog: those of the jogs, as long as STW1.4 to .6 are 0."""
         self.position_error = (0, 0)
         """XERR, position error of the PLC's controller in increments of G1, and KPC, its gain in 0.001/s; 0: no position control
         by the drive."""

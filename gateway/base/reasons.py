@@ -517,6 +517,14 @@ class Reason(enum.Enum):
         _E.OPERATION,
         _S.FAULT,
     )
+    JOG_WAITS = (
+        "STW1.8 or STW1.9 = 1: the axis turns, and a jog starts at standstill",
+        "wait for standstill",
+    )
+    NO_JOG_SPEED = (
+        "STW1.8 or STW1.9 = 1 starts no jog: it has no speed in jog_speeds_rpm",
+        'set STW1.8 = STW1.9 = 0, or configure jog_speeds_rpm with setpoint_enable = "profidrive"',
+    )
 
 
 def with_count(text: str, count: int, duration_ns: int) -> str:

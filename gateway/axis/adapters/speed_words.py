@@ -56,10 +56,11 @@ class SpeedAdapter(ControlWordAdapter):
         if not self.take(word) or word is None:
             return
         demand.device_bits = word & DEVICE_BITS
+        demand.jogs = jogs = 0 if word & _FOLLOW else word & (_JOG_1 | _JOG_2)
         if word & _FOLLOW == _FOLLOW:
             demand.speed_wish = _FOLLOW_SPEED
         elif self._jogs and not word & _FOLLOW:
-            demand.speed_wish = _JOGS.get(word & (_JOG_1 | _JOG_2), SpeedWish.ZERO)
+            demand.speed_wish = _JOGS.get(jogs, SpeedWish.ZERO)
         elif self._profidrive and word & _RUN != _RUN:
             demand.speed_wish = SpeedWish.ZERO
         else:

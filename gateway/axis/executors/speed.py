@@ -148,7 +148,18 @@ class SpeedExecutor(Executor):
         elif wish in _JOGS:
             self._begun = wish
             self._target = self._jog_speeds[_JOGS.index(wish)]
-        return None if wish in _JOGS and self._target else Reason.SETPOINT_DISABLED
+        if wish in _JOGS and self._target:
+            return None
+        if not self._asked.jogs:
+            return Reason.SETPOINT_DISABLED
+        # STW1.4 to .6 = 1 would start the setpoint, which the PLC does not ask for.
+        if wish in _JOGS and self._jog_speeds[_JOGS.index(wish)]:
+            return Reason.JOG_WAITS
+        both = wish is _ZERO and any(self._jog_speeds)
+        return Reason.LOST_JOG if both else Reason.NO_JOG_SPEED
+
+    def lacked(self, mask: int) -> str:
+        return "both are 1"
 
     def _reached(self, target: int, statusword: int, velocity: int) -> bool:
         """Whether the drive follows the setpoint in force, and that is the PLC's own."""

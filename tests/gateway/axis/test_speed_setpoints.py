@@ -47,6 +47,8 @@ def test_each_jog_bit_has_its_speed_and_both_or_none_mean_standstill(number: int
     rig = axis(number)
     for bits, expected in ((JOG_1, UNITS[0]), (0, 0), (JOG_2, UNITS[1]), (JOG_1 | JOG_2, 0)):
         assert jog(rig, bits) == expected
+    assert rig.stepper.reason is Reason.LOST_JOG
+    jog(rig, 0)
     assert rig.stepper.reason is Reason.SETPOINT_DISABLED
 
 

@@ -7,7 +7,7 @@ import pytest
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.daemon.daemon import Daemon
 from tests.support.documents.device_situations import MDI, POSITIONER
-from tests.support.documents.situations import in_operation
+from tests.support.documents.situations import in_operation, run_out
 from tests.support.gateways.daemon import Plc, axis
 
 _NINE = {"SATZANW": 0x8023, "MDI_VELOCITY": 0x2000_0000, "MDI_ACC": 0x2000, "MDI_DEC": 0x2000, "MDI_MOD": 1}
@@ -70,3 +70,37 @@ def test_remedy_of_a_task_names_the_bit_that_keeps_telegram_9_in_homing() -> Non
         send(plc, 0x047F, 800)
         assert plc.value("XIST_A") != position
         assert texts(daemon)[0] is None
+
+
+@pytest.mark.parametrize("speeds", ["[-300, 300]", "[0, 300]", ""])
+@pytest.mark.parametrize("bits", [0x100, 0x200, 0x300])
+@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize("hold", [False, True])
+def test_remedy_of_a_jog_never_starts_the_speed_setpoint(speeds: str, bits: int, turning: bool, hold: bool) -> None:
+    more = f"simulate = true\njog_speeds_rpm = {speeds}" if speeds else "simulate = true"
+    more += '\nsetpoint_enable = "hold"' if hold else ""
+    with in_operation(axis(1, more=more)) as (daemon, plc):
+        if turning:
+            plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+            plc.until(lambda: plc.value("NIST_A") == 0x1000, "the speed")
+        send(plc, 0x040F | bits, 1, NSOLL_A=0x1000)
+        jogs = not hold and speeds and bits != 0x300 and (bits == 0x200 or speeds[1] == "-")
+        plc.exchange(3)
+        reason, evidence, remedy = texts(daemon)
+        if jogs and not turning:
+            assert reason is None
+            return
+        assert not {"STW1.4", "STW1.5", "STW1.6"} & set(remedy.replace(",", " ").split())
+        if jogs:
+            assert reason is Reason.JOG_WAITS
+            assert remedy == "wait for standstill"
+            plc.until(lambda: plc.value("NIST_A") == (0x666 if bits == 0x200 else -0x666), "the jog")
+            assert texts(daemon)[0] is None
+        elif hold or not speeds or bits != 0x300:
+            assert reason is Reason.NO_JOG_SPEED
+        else:
+            assert evidence == "STW1.8 or STW1.9 = 1 starts no jog: both are 1"
+            run_out(plc)
+            send(plc, 0x040F, 20)
+            send(plc, 0x060F, 300)
+            assert plc.value("NIST_A") == 0x666
