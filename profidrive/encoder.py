@@ -417,7 +417,10 @@ class EncoderControl:
         """A rising edge of STW2_ENC.7 came in this cycle."""
         self.in_vain = False
         """As ``SensorInterface.in_vain``."""
+        self.unheard = False
+        """The last edge of STW2_ENC.7 came with STW2_ENC.10 or before it, in a fault: it had no effect."""
         self._acknowledge_armed = False
+        self._asked = 0
 
     def step(self, word: int | None, *, fault: bool, warning: bool) -> int:
         """One cycle: STW2_ENC (None without a PLC), a present fault or warning; returns ZSW2_ENC.
@@ -430,9 +433,13 @@ class EncoderControl:
         else:
             life = self.sign_of_life.step(_CONTROLLER_SIGN_OF_LIFE.of(word))
         self.has_control = word is not None and bool(word & _CONTROL_BY_PLC)
-        asked = self.has_control and word is not None and bool(word & ENCODER_ACKNOWLEDGE)
+        before, self._asked = self._asked, 0 if word is None else word & ENCODER_ACKNOWLEDGE
+        asked = self.has_control and self._asked != 0
         self.acknowledged = asked and self._acknowledge_armed
         self._acknowledge_armed = self.has_control and not asked
+        if self._asked and not before:
+            self.unheard = not self.acknowledged
+        self.unheard = self.unheard and self.fault
         self.in_vain = fault and (self.acknowledged or self.in_vain)
         if fault:
             self.fault = True

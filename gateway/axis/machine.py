@@ -16,7 +16,7 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, StatusBit, enables
+from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, State, StatusBit, enables
 from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.demand_report import (
@@ -204,6 +204,10 @@ class AxisMachine:
     def fault_began(self) -> int:
         """When the drive showed its last fault, monotonic ns."""
         return self._drive.fault_began
+
+    def lacks_supply(self, state: State | None, *, unproven: bool) -> bool:
+        """As ``DriveWatch.lacks_supply``."""
+        return self._drive.lacks_supply(state, unproven=unproven)
 
     # -- the step -----------------------------------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
-from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
+from pdgw.gateway.axis.values import Configured, FaultRead, FaultRecord, Outputs
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
 from pdgw.gateway.base.store import ConfirmedUnits
 from pdgw.gateway.configuration.axis_config import AxisConfig
@@ -87,8 +87,6 @@ class Axis(DriveObject):
         """When a fault reset was sent to the drive last."""
         self._probe = ProbeReader(self.drive, self._news)
         self._probing = False
-        self.shows_supply = False
-        """Statusword.4 is its supply: it was set without power. Many drives set it only with their power stage."""
         self._sound_until = 0
         """When it was not in fault last."""
 
@@ -181,7 +179,8 @@ class Axis(DriveObject):
         if (fault := GATEWAY_FAULTS.get(cell.fault or 0)) is None:
             word = self.drive.feedback.statusword
             if reason is Reason.INHIBITED and (state := state_of(word)) is not None:
-                evidence, remedy = used_up(state, word, self._settings.enter_ns)
+                supply = bool(word & StatusBit.VOLTAGE_ENABLED) or not self.machine.lacks_supply(state, unproven=True)
+                evidence, remedy = used_up(state, self._settings.enter_ns, supply=supply)
                 return Origin(By.DRIVE, evidence, now, remedy)
             order = ORDERS.get(reason)
             return Origin(By.PLC if order else By.DRIVE, order or (reason or Reason.NEEDS_OFF).value, now)
@@ -248,11 +247,10 @@ class Axis(DriveObject):
                 return percent * float(rated) / 100
         return None
 
-    def _serve(self, outputs: Outputs) -> None:
-        shown = self.drive.feedback.statusword
-        if outputs.good and shown & StatusBit.VOLTAGE_ENABLED and state_of(shown) not in POWERED:
-            self.shows_supply = True
-        super()._serve(outputs)
+    def _record(self, record: FaultRecord) -> None:
+        if not record.is_warning:
+            self.machine.adapter.unheard = False
+        super()._record(record)
 
     @property
     def cause(self) -> ReportedFault | None:

@@ -273,16 +273,18 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.breaks(Reason.REFERENCE_INVALID)
     else:
         chain.passes(Enable.NO_FAULT)
-    if powered or statusword & StatusBit.VOLTAGE_ENABLED:
+    supplied = powered or statusword & StatusBit.VOLTAGE_ENABLED != 0
+    if supplied:
         chain.passes(Enable.SUPPLY)
-    elif axis.shows_supply or commanded:
+    elif (asks or not demand.connected) and machine.lacks_supply(state, unproven=commanded):
         chain.breaks(Reason.NO_SUPPLY, "", again and Reason.NO_SUPPLY.remedy + again)
     if machine.interlock.is_local(statusword):
         own = axis.released and (machine.outputs.command.target_velocity or machine.executor.limit_side)
         panel = Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE
         chain.breaks(panel, "", again and panel.remedy + again)
     elif reason is Reason.INHIBITED and state is not None:
-        chain.breaks(reason, *used_up(state, statusword, machine.settings.enter_ns))
+        supply = supplied or not machine.lacks_supply(state, unproven=True)
+        chain.breaks(reason, *used_up(state, machine.settings.enter_ns, supply=supply))
     elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
@@ -422,7 +424,7 @@ def _acknowledge(axis: Axis) -> str:
         return f"the acknowledge ({name}.7) is sent to the drive"
     no_control = f"{name}.10" if machine.inputs.setpoints is not None and not machine.demand.in_control else ""
     in_vain = axis.acknowledged_at > machine.fault_began
-    return _missing_acknowledge(f"{name}.7", no_control, word & ControlBit.FAULT_RESET, in_vain)
+    return _missing_acknowledge(name, no_control, word & ControlBit.FAULT_RESET, in_vain, machine.adapter.unheard)
 
 
 def _acknowledge_encoder(encoder: EncoderObject) -> str:
@@ -432,25 +434,30 @@ def _acknowledge_encoder(encoder: EncoderObject) -> str:
     no_control = "STW2_ENC.10" if adapter.control is not None and not control.has_control else ""
     if not machine.in_error:
         level = (adapter.control or 0) & ENCODER_ACKNOWLEDGE
-        return _missing_acknowledge("STW2_ENC.7", no_control, level, control.in_vain)
+        return _missing_acknowledge("STW2_ENC", no_control, level, control.in_vain, control.unheard)
     level = (adapter.sensor_word or 0) & SENSOR_ACKNOWLEDGE
     if level and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
         return "set G1_STW.15 to 0: this ends the acknowledge"
-    return _missing_acknowledge("G1_STW.15", no_control, level, sensor.in_vain)
+    return _missing_acknowledge("G1_STW", no_control, level, sensor.in_vain)
 
 
-def _missing_acknowledge(bit: str, no_control: str, level: int, in_vain: bool) -> str:
-    """What is missing for an acknowledge by the edge of ``bit``.
+def _missing_acknowledge(word: str, no_control: str, level: int, in_vain: bool, unheard: bool = False) -> str:
+    """What is missing for an acknowledge by the edge of a bit of ``word``.
 
-    ``no_control``: the bit of control by PLC if it is 0. ``level``: of ``bit``, 0 or not. ``in_vain``: an edge came while the
-    cause was there.
+    ``no_control``: the bit of control by PLC if it is 0. ``level``: of the bit, 0 or not. ``in_vain``: an edge came while the
+    cause was there. ``unheard``: it came without control.
     """
+    bit = "G1_STW.15" if word == "G1_STW" else f"{word}.7"
     edge = f"set {bit} to 0 and then to 1"
     if no_control:
         return f"{bit} has no effect while {no_control} = 0: set {no_control}, then acknowledge ({bit})"
     if in_vain:
         return f"it was acknowledged, but the cause is still there: remove it, then {edge}"
-    return f"then acknowledge: it needs an edge, {edge}" if level else f"then acknowledge ({bit})"
+    if level:
+        return f"then acknowledge: it needs an edge, {edge}"
+    control = f"{word}.10"
+    early = f"the edge of {bit} came with {control} or before it: keep {control} = 1, then {edge}"
+    return early if unheard else f"then acknowledge ({bit})"
 
 
 def device_warning(item: DriveObject) -> str:

@@ -13,7 +13,7 @@ from typing import Final
 from pdgw.base.durations import SECOND
 from pdgw.ds301.emcy import emcy_remedy
 from pdgw.ds301.loop.loop import Loop
-from pdgw.dsp402.states import State, StatusBit
+from pdgw.dsp402.states import State
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
@@ -33,12 +33,13 @@ _LACKS: Final = {
 """What a drive lacks in a state that Shutdown must end at once. In the others it lacks what its power stage needs."""
 
 
-def used_up(state: State, statusword: int, enter_ns: int) -> tuple[str, str]:
-    """Evidence and remedy of an ON that the drive has not followed from a state, in the time ``enter_ns`` of its power stage."""
+def used_up(state: State, enter_ns: int, *, supply: bool) -> tuple[str, str]:
+    """Evidence and remedy of an ON that the drive has not followed from a state, in the time ``enter_ns`` of its power stage.
+    ``supply``: the drive does not show that it lacks its supply."""
     lacks, time, remedy = _LACKS.get(state, ""), "", Reason.INHIBITED.remedy
     if not lacks:
         lacks, time = "main contactor, DC link or enable input", f" for {enter_ns / SECOND:g} s (enter_ms)"
-    if not statusword & StatusBit.VOLTAGE_ENABLED:
+    if not supply:
         lacks, remedy = "no supply voltage (Statusword.4 = 0)", Reason.NO_SUPPLY.remedy
     return f"the drive did not leave {state.value}{time} after ON: {lacks}", remedy
 

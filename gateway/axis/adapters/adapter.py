@@ -87,6 +87,8 @@ class Adapter(SignalAdapter):
             for name in ("G1", "G2")
         )
         """Places of the words of the sensors, which ``SensorWords`` read and write,"""
+        self.unheard = False
+        """The last edge of STW1.7 came with STW1.10 or before it, after the last fault: it had no effect."""
         self.message = self.actual("MELDW")
         self.load = self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR")
         self.codes = self.actual("FAULT_CODE", "WARN_CODE")
@@ -137,11 +139,13 @@ class ControlWordAdapter(Adapter):
 
     def take(self, word: int | None) -> bool:
         """Evaluate the bits of STW1 that all telegrams share; None without a PLC. False: the other bits do not count."""
-        self.word, demand = word, self.demand
+        before, self.word, demand = self.word, word, self.demand
         if word is None:
             demand.connected = self._armed = False
             demand.in_control = True
             return False
+        if word & _FAULT_ACKNOWLEDGE and not (before or 0) & _FAULT_ACKNOWLEDGE:
+            self.unheard = not (word & _CONTROL_BY_PLC and self._armed)
         if not word & _CONTROL_BY_PLC:
             demand.in_control = demand.acknowledge = self._armed = False
             demand.power = self._uncontrolled[demand.power][WISHES[word & POWER_BITS]]

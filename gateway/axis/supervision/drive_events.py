@@ -15,7 +15,7 @@ from pdgw.ds301.emcy import GENERIC_ERROR, emcy_text
 from pdgw.ds301.node.node import Loss, NodeNotice, Notice
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveFault
-from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import CANOPEN_ERRORS, FaultRead, FaultRecord, Outputs, gateway_fault
@@ -42,6 +42,15 @@ _VALUE_BYTES: Final = 4
 FAULTY: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 """The power stage is on."""
+_SUPPLIED: Final[Mapping[State | None, int]] = {
+    State.NOT_READY_TO_SWITCH_ON: 0,
+    State.SWITCH_ON_DISABLED: 1,
+    State.FAULT: 1,
+    State.READY_TO_SWITCH_ON: 2,
+    State.SWITCHED_ON: 3,
+}
+"""States without power. A drive that shows its supply (Statusword.4) in one of them does so in those above it; many show it in
+some of them, or only with their power stage."""
 _FAULTS: Final = {
     Notice.BOOT: FaultNumber.NODE_RESTARTED,
     Notice.SET_POINT_REFUSED: FaultNumber.SET_POINT,
@@ -296,6 +305,14 @@ class DriveWatch:
         """Why that fault has no EMCY."""
         self.shown = 0
         """The Statusword bits of the state as they were last, 0 without a drive."""
+        self._supplied = len(_SUPPLIED)
+        """The place in ``_SUPPLIED`` of the lowest state in which Statusword.4 was 1; after the last one: none."""
+
+    def lacks_supply(self, state: State | None, *, unproven: bool) -> bool:
+        """Statusword.4 = 0 in a state without power says so. ``unproven``: also of a drive that has never shown its supply."""
+        if self._supplied == len(_SUPPLIED):
+            return unproven
+        return _SUPPLIED.get(state, 0) >= self._supplied
 
     def acknowledged(self) -> None:
         """The fault buffer has moved on: what is shown again is a new fault."""
@@ -306,6 +323,8 @@ class DriveWatch:
     ) -> None:
         """``shown``: the bits of the state, ``commanded``: the Controlword that the drive had."""
         state, previous = STATE_OF_STATUS[shown], STATE_OF_STATUS[self.shown]
+        if shown and statusword & StatusBit.VOLTAGE_ENABLED:
+            self._supplied = min(self._supplied, _SUPPLIED.get(state, len(_SUPPLIED)))
         begins = state is not previous and state in _PROOF and previous not in FAULTY
         if state in FAULTY and previous not in FAULTY:
             self.fault_began = now
