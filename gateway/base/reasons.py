@@ -13,6 +13,20 @@ from typing import Final, NamedTuple
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
+from pdgw.gateway.base.step_text import remedy_text
+from pdgw.gateway.base.steps import (
+    ACKNOWLEDGE,
+    NEW_TASK,
+    OFF_ON,
+    STANDSTILL,
+    Acknowledge,
+    Bits,
+    Edge,
+    Give,
+    Remedy,
+    Step,
+    Wait,
+)
 
 
 class AxisState(enum.Enum):
@@ -46,7 +60,7 @@ class Enable(enum.Enum):
 
 
 _S, _E = AxisState, Enable
-_SET: Final = "the PLC's program must set the bits that are 0"
+_UNITS: Final = "check velocity_unit and counts_per_revolution with pdgw axis test"
 
 
 class Reason(enum.Enum):
@@ -59,16 +73,20 @@ class Reason(enum.Enum):
     """State of the object with this reason, unless power is on and it is being stopped."""
     enable: Enable
     """The link of the chain it breaks."""
-    remedy: str
-    """The remedy."""
+    remedy: Remedy
 
     def __new__(
-        cls, text: str, remedy: str, enable: Enable = Enable.SETPOINT, state: AxisState = AxisState.WAITS
+        cls,
+        text: str,
+        steps: Step | Remedy,
+        enable: Enable = Enable.SETPOINT,
+        state: AxisState = AxisState.WAITS,
     ) -> Reason:
         member = object.__new__(cls)
         member._value_ = text
         member.code = len(cls.__members__) + 1
-        member.state, member.enable, member.remedy = state, enable, remedy
+        member.state, member.enable = state, enable
+        member.remedy = (steps,) if isinstance(steps, Step) else steps
         return member
 
     NO_PLC = (
@@ -78,17 +96,17 @@ class Reason(enum.Enum):
     )
     PLC_LOST = (
         "PLC lost: the gateway stops the drive; ON is accepted again only after an OFF (STW1.0 = 0)",
-        "check the cable, the PLC's operating mode (STOP) and its cycle time; then OFF and ON",
+        ("check the cable, the PLC's operating mode (STOP) and its cycle time", OFF_ON),
         _E.PLC,
     )
     NO_CONTROL = (
         "STW1.10 = 0 (control by PLC): the drive does not start and ignores setpoints; OFF1, OFF2 and OFF3 act",
-        _SET,
+        Bits(("STW1.10",)),
         _E.CONTROL,
     )
     NEEDS_OFF = (
         "ON ignored: send an OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)",
-        "OFF and ON: the PLC's program must set STW1.0 to 0 and then to 1, with STW1.1 = STW1.2 = 1",
+        OFF_ON,
         _E.ON_EDGE,
     )
     DRIVE_OFFLINE = (
@@ -99,7 +117,7 @@ class Reason(enum.Enum):
     )
     DRIVE_FAULT = (
         "the drive is in fault",
-        "remove the cause; then acknowledge (STW1.7)",
+        ("remove the cause", ACKNOWLEDGE),
         _E.NO_FAULT,
         _S.FAULT,
     )
@@ -118,25 +136,25 @@ class Reason(enum.Enum):
     )
     RAMP_STOP = (
         "OFF1 ramp in progress: ON is accepted at standstill",
-        "wait for standstill, then ON",
+        (STANDSTILL, OFF_ON),
         _E.ON_EDGE,
         _S.STOPPING,
     )
     QUICK_STOP = (
         "quick stop in progress",
-        "wait for standstill; then OFF and ON",
+        (STANDSTILL, OFF_ON),
         _E.ON_EDGE,
         _S.OFF,
     )
     COAST_STOP = (
         "coast stop: STW1.1 = 0",
-        "OFF and ON",
+        OFF_ON,
         _E.ON_EDGE,
         _S.OFF,
     )
     SETPOINT_DISABLED = (
         "no setpoint: STW1.4, STW1.5 or STW1.6 is 0",
-        _SET,
+        Bits(("STW1.4", "STW1.5", "STW1.6")),
     )
     INTERNAL_LIMIT = (
         "the drive itself limits the motion (Statusword.11 = 1): limit switch, position or speed limit",
@@ -144,15 +162,21 @@ class Reason(enum.Enum):
     )
     STOPPED_AT_LIMIT = (
         "stopped at a limit of the drive (Statusword.11)",
-        "send a setpoint in the other direction; after the limit is free, setpoint 0 (or OFF and ON) ends this stop",
+        (
+            Give("other direction", "send a setpoint in the other direction"),
+            "after the limit is free, setpoint 0 (or OFF and ON) ends this stop",
+        ),
     )
     TASK_AT_LIMIT = (
         "task stopped at a limit of the drive (Statusword.11)",
-        "send a task in the other direction; after the limit is free, STW1.5 = 0 and 1 continues the task",
+        (
+            Give("other direction", "send a task in the other direction"),
+            "after the limit is free, STW1.5 = 0 and 1 continues the task",
+        ),
     )
     SET_POINT_REFUSED = (
         "the drive rejected the data of the setpoint (SDO): not started, needs a new edge",
-        "see fault 119 for the value that the drive rejects; then send a new edge",
+        ("see fault 119 for the value that the drive rejects", NEW_TASK),
     )
     NOT_OPERATING = (
         "drive is not in operation: setpoints have no effect",
@@ -167,19 +191,19 @@ class Reason(enum.Enum):
     )
     MODE_VALUE = (
         "the drive does not support this mode of operation: the gateway does not send it",
-        "send a mode of operation that the drive supports",
+        Give("6060h", "send a mode of operation that the drive supports"),
     )
     MDI_OFF = (
         "SATZANW.15 = 0: MDI is not selected, no traversing task is started",
-        _SET,
+        Bits(("SATZANW.15",)),
     )
     REJECTED = (
         "STW1.4 = 0: tasks are rejected, and nothing starts",
-        "wait for standstill",
+        STANDSTILL,
     )
     INTERMEDIATE_STOP = (
         "STW1.5 = 0: intermediate stop",
-        _SET,
+        Bits(("STW1.5",)),
     )
     HOMING_METHOD = (
         "homing method is not supported: homing is not started",
@@ -187,47 +211,47 @@ class Reason(enum.Enum):
     )
     HOMING_SETUP = (
         "waiting for the drive to accept homing method and speeds (SDO)",
-        "wait less than a second",
+        Wait("less than a second"),
     )
     HOMING_STOPPED = (
         "STW1.11 = 0: homing is being stopped",
-        "set STW1.11 again for another attempt",
+        STANDSTILL,
     )
     HOMING_ERROR = (
         "the drive reports a homing error (Statusword.13) or does not reach its home position",
-        "check the home switch and the homing speeds; then start homing again",
+        ("check the home switch and the homing speeds", Edge(("STW1.11",))),
     )
     FUNCTION_RUNS = (
         "an edge of STW1.6, .8, .9 or .11 came while another function of the positioner was active: it started nothing",
-        "end the active function, then send the edge again",
+        (Give("active function", "end the active function"), Edge(("STW1.6", "STW1.8", "STW1.9", "STW1.11"))),
     )
     TASK_BLOCK_UNKNOWN = (
         "the task selected a traversing block that does not exist: it was not started",
-        "select a block of the configuration, and then a new edge of STW1.6",
+        (Give("BLOCK", "select a block of the configuration"), NEW_TASK),
     )
     TASK_SPEED_ZERO = (
         "the task had speed 0: it was not started",
-        "give the task a speed above 0, and then a new edge of STW1.6",
+        (Give("MDI_VELOCITY", "give the task a speed above 0"), NEW_TASK),
     )
     TASK_TARGET_RANGE = (
         "the target of the task was out of range: it was not started",
-        "give a target in range, and then a new edge of STW1.6",
+        (Give("MDI_TARPOS", "give a target in range"), NEW_TASK),
     )
     TASK_DIRECTION = (
         "setting up needs exactly one bit of direction, a modulo axis at most one: the task was not started",
-        "set one of POS_STW1.9 and .10 (telegram 110: MDI_MOD.1 and .2), and then a new edge of STW1.6",
+        (Give("direction", "set one of POS_STW1.9 and .10 (telegram 110: MDI_MOD.1 and .2)"), NEW_TASK),
     )
     UPDATE_RELATIVE = (
         "continuous update needs absolute positions: the change had no effect",
-        "select absolute positioning, and then a new edge of STW1.6",
+        (Give("ABSOLUTE", "select absolute positioning"), NEW_TASK),
     )
     OVERRIDE_ZERO = (
         "OVERRIDE is 0: the task waits",
-        "raise OVERRIDE",
+        Give("OVERRIDE", "raise OVERRIDE"),
     )
     SOFTWARE_LIMIT = (
         "target is beyond a software limit: the limit is the target",
-        "give a target inside the software limits",
+        (Give("MDI_TARPOS", "give a target inside the software limits"), NEW_TASK),
     )
     FLYING_NOT_SUPPORTED = (
         "the drive has no second setpoint buffer: the block continues with a stop",
@@ -235,7 +259,7 @@ class Reason(enum.Enum):
     )
     TORQUE_LIMIT = (
         "torque limit 6072h is being written, or the drive rejected it",
-        "wait; if it stays, read the fault of the axis",
+        (Wait(""), "if it stays, read the fault of the axis"),
     )
     FIXED_STOP_MISSED = (
         "no fixed stop before the target of the block",
@@ -247,11 +271,11 @@ class Reason(enum.Enum):
     )
     REFERENCE_POINT_MOVING = (
         "the reference point was not set: the axis moved, or a task was active",
-        "at standstill and without a task, set POS_STW2.1 (telegram 110: POS_STW.1) to 0 and to 1",
+        (Wait("for standstill without a task"), Edge(("POS_STW2.1 (telegram 110: POS_STW.1)",))),
     )
     DSC_FAR_FROM_AXIS = (
         "DSC starts too far from the actual position (following_window): the axis does not move",
-        "copy the actual position of the axis to the PLC's setpoint before DSC starts",
+        Give("XERR", "copy the actual position of the axis to the PLC's setpoint before DSC starts"),
     )
     DSC_OUT_OF_DATE = (
         "no new XERR from the PLC for too long: the axis stops with a ramp, then DSC starts again",
@@ -264,7 +288,7 @@ class Reason(enum.Enum):
     )
     ENCODER_NO_CONTROL = (
         "STW2_ENC.10 = 0 (control by PLC): G1_STW is not evaluated",
-        _SET,
+        Bits(("STW2_ENC.10",)),
         _E.CONTROL,
     )
     ENCODER_OFFLINE = (
@@ -275,25 +299,25 @@ class Reason(enum.Enum):
     )
     SENSOR_ERROR = (
         "sensor error, code in G1_XIST2: acknowledge with a rising edge of G1_STW.15",
-        "remove the cause, then acknowledge with a rising edge of G1_STW.15",
+        ("remove the cause", Acknowledge("G1_STW.15", "STW2_ENC.10")),
         _E.NO_FAULT,
         _S.FAULT,
     )
     SENSOR_PARKED = (
         "G1_STW.14 = 1: sensor is parked",
-        "set G1_STW.14 to 0",
+        Bits(("G1_STW.14",), 0),
         _E.SENSOR,
         _S.OFF,
     )
     SENSOR_PRESETTING = (
         "waiting for the encoder to accept and show the preset",
-        "wait some seconds",
+        Wait("some seconds"),
         _E.SENSOR,
         _S.STARTING,
     )
     UNITS_CONTRADICTED = (
         "the speed contradicts the units of the drive (fault 128): stopped, ON is ignored until an acknowledgement",
-        "check velocity_unit and counts_per_revolution with pdgw axis test, acknowledge with STW1.7, then OFF and ON",
+        (_UNITS, ACKNOWLEDGE, OFF_ON),
         _E.NO_FAULT,
         _S.FAULT,
     )
@@ -311,7 +335,7 @@ class Reason(enum.Enum):
     )
     NODE_CONFIGURING = (
         "the device is being configured",
-        "wait until every object is read and written; a slow device needs minutes",
+        Wait("until every object is read and written; a slow device needs minutes"),
         _E.NODE,
         _S.STARTING,
     )
@@ -328,12 +352,12 @@ class Reason(enum.Enum):
     )
     ENABLE_MISSING = (
         "the PLC does not enable operation: STW1.3 = 0",
-        _SET,
+        Bits(("STW1.3",)),
         _E.ON_EDGE,
     )
     PLC_STALLED = (
         "the PLC's sign of life (STW2.12-15) does not count with each frame: its program is stopped or too slow",
-        "check the PLC's program; count in the clock of the frames, or raise P925; then OFF and ON",
+        ("check the PLC's program; count in the clock of the frames, or raise P925", OFF_ON),
         _E.PLC,
     )
     GATEWAY_STOPS = (
@@ -344,21 +368,21 @@ class Reason(enum.Enum):
     )
     NOT_ACKNOWLEDGED = (
         "the drive did not acknowledge the setpoint (Statusword.12 = 0): it may not execute the task",
-        "check that 6061h of the drive keeps the mode of operation; then reject the task (STW1.4 = 0) or send a new one",
+        ("check that 6061h of the drive keeps the mode of operation", NEW_TASK),
     )
     MOVES_UNASKED = (
         "the drive continued a stopped task when Halt fell: Halt stays set until the next task",
-        "send the next task; its first cycle may move the axis towards the old target",
+        Give("task", "send the next task; its first cycle may move the axis towards the old target"),
     )
     NODE_WRITTEN = (
         "a write changed units or settings of the device: the gateway checks them before the next start",
-        "wait less than a second; then OFF and ON",
+        (Wait("less than a second"), OFF_ON),
         _E.NODE,
         _S.STARTING,
     )
     TASK_RAMP_ZERO = (
         "the task had acceleration or deceleration 0: it was not started",
-        "give the task an acceleration and a deceleration above 0, and then a new edge of STW1.6",
+        (Give("MDI_ACC", "give the task an acceleration and a deceleration above 0"), NEW_TASK),
     )
     NOT_REACHED = (
         "the axis is at standstill before its target: Statusword.10 = 0",
@@ -370,11 +394,11 @@ class Reason(enum.Enum):
     )
     STANDS_AWAY = (
         "the drive reports its target as reached (Statusword.10 = 1), but is away from the target of the task",
-        "check the software limits (607Dh) and the units of the drive; then send a new task",
+        ("check the software limits (607Dh) and the units of the drive", NEW_TASK),
     )
     SETPOINT_BLOCKED = (
         "the drive does not take a new setpoint: it still acknowledges the last one (Statusword.12 = 1)",
-        "OFF and ON; if it stays, check the drive: Statusword.12 must fall with Controlword.4",
+        (OFF_ON, "if it stays, check the drive: Statusword.12 must fall with Controlword.4"),
     )
     HOMING_STALLED = (
         "the axis is at standstill, and its homing does not end (Statusword.10 = Statusword.12 = 0)",
@@ -382,12 +406,12 @@ class Reason(enum.Enum):
     )
     INHIBITED = (
         "the drive has not followed ON in time: safe torque off (STO), enable input or supply; ON is used up",
-        "close STO and the enable input, switch the supply on; then OFF and ON",
+        ("close STO and the enable input, switch the supply on", OFF_ON),
         _E.OPERATION,
     )
     HELD_OFF = (
         "the PLC sends ON (STW1.0 = 1) and keeps the drive off: STW1.1, STW1.2 and STW1.3 must be 1 too",
-        "when these bits are 1, send OFF and ON",
+        (Bits(("STW1.1", "STW1.2", "STW1.3")), OFF_ON),
         _E.ON_EDGE,
     )
     HOMING_REFUSED = (
@@ -421,12 +445,12 @@ class Reason(enum.Enum):
     )
     PLC_STOP = (
         "the PLC is in STOP: its frames come, but the provider state is not RUN",
-        "set the PLC to RUN; then OFF and ON",
+        ("set the PLC to RUN", OFF_ON),
         _E.PLC,
     )
     PLC_BAD = (
         "the PLC marks its data for this drive object as bad (IOPS)",
-        "the PLC must set the IOPS of this drive object to 80h, at its place in pdgw map; then OFF and ON",
+        ("the PLC must set the IOPS of this drive object to 80h, at its place in pdgw map", OFF_ON),
         _E.PLC,
     )
     OTHER_SENDER = (
@@ -436,7 +460,7 @@ class Reason(enum.Enum):
     )
     WATCHDOG_SHORT = (
         "the PLC is lost repeatedly: its frames come later than the watchdog time",
-        "raise cycle_time_ms or watchdog_factor, or find what delays the PLC's frames; then OFF and ON",
+        ("raise cycle_time_ms or watchdog_factor, or find what delays the PLC's frames", OFF_ON),
         _E.PLC,
     )
     NO_RELATIONSHIP = (
@@ -451,19 +475,19 @@ class Reason(enum.Enum):
     )
     LOST_EDGE = (
         "the last edge of STW1.6 started no task",
-        "set STW1.6 to 0 and to 1",
+        NEW_TASK,
     )
     EARLY_EDGE = (
         "STW1.6 was 1 before operation: this starts no task",
-        "set STW1.6 to 0 and, in operation, to 1",
+        NEW_TASK,
     )
     LOST_HOMING = (
         "STW1.11 = 1 starts no homing",
-        "set STW1.11 to 0 and to 1",
+        Edge(("STW1.11",)),
     )
     LOST_JOG = (
         "STW1.8 or STW1.9 = 1 starts no jog",
-        "set STW1.8 = STW1.9 = 0, then one of them to 1",
+        Edge(("STW1.8", "STW1.9")),
     )
     BYTES_SWAPPED = (
         "the two bytes of STW1 are swapped",
@@ -472,37 +496,46 @@ class Reason(enum.Enum):
     )
     CONTROL_HELD = (
         'STW1.10 = 0 (control by PLC): the drive continues with its last setpoint (control_lost = "hold")',
-        _SET,
+        Bits(("STW1.10",)),
         _E.CONTROL,
     )
     ENCODER_FAULT = (
         "the encoder is in fault (ZSW2_ENC.3 = 1)",
-        "remove the cause; then acknowledge (STW2_ENC.7)",
+        ("remove the cause", Acknowledge("STW2_ENC.7", "STW2_ENC.10")),
         _E.NO_FAULT,
         _S.FAULT,
     )
     TASK_VELOCITY = (
         "velocity x OVERRIDE of the task was below 100 %, the only velocity of this drive (no 6081h)",
-        "set the velocity of the task to 100 % (max_velocity) and OVERRIDE to 4000h (100 %), and then a new edge of STW1.6",
+        (
+            Give("MDI_VELOCITY", "set the velocity of the task to 100 % (max_velocity) and OVERRIDE to 4000h (100 %)"),
+            NEW_TASK,
+        ),
     )
     NOT_LEFT = (
         "the drive is at standstill and has not left operation yet",
-        "wait while its brake closes; if it takes longer than enter_ms (10 s), check the brake and its time in the drive",
+        (
+            Wait("while its brake closes"),
+            "if it takes longer than enter_ms (10 s), check the brake and its time in the drive",
+        ),
         _E.OPERATION,
         _S.STOPPING,
     )
     TASK_DRIVE_RANGE = (
         "the positions of the drive end before the target of the task: it was not started",
-        "give a target before this end, and then a new edge of STW1.6; "
-        "an endless axis needs 607Bh = 0/0, or a drive that wraps at 607Bh",
+        (
+            Give("MDI_TARPOS", "give a target before this end"),
+            NEW_TASK,
+            "an endless axis needs 607Bh = 0/0, or a drive that wraps at 607Bh",
+        ),
     )
     AT_SOFTWARE_LIMIT = (
         "the axis is at a software limit, and its jog, setting up or endless block leads beyond it",
-        "move in the other direction; the limits are the key software_limits",
+        (Give("other direction", "move in the other direction"), "the limits are the key software_limits"),
     )
     SEVERE_FAULT = (
         "a severe fault is not acknowledged",
-        "remove the cause; then acknowledge (STW1.7)",
+        ("remove the cause", ACKNOWLEDGE),
         _E.NO_FAULT,
         _S.FAULT,
     )
@@ -519,11 +552,11 @@ class Reason(enum.Enum):
     )
     JOG_WAITS = (
         "STW1.8 or STW1.9 = 1: the axis turns, and a jog starts at standstill",
-        "wait for standstill",
+        STANDSTILL,
     )
     NO_JOG_SPEED = (
         "STW1.8 or STW1.9 = 1 starts no jog: it has no speed in jog_speeds_rpm",
-        'set STW1.8 = STW1.9 = 0, or configure jog_speeds_rpm with setpoint_enable = "profidrive"',
+        (Bits(("STW1.8", "STW1.9"), 0), 'or configure jog_speeds_rpm with setpoint_enable = "profidrive"'),
     )
 
 
@@ -537,17 +570,17 @@ class Finding(NamedTuple):
 
     reason: Reason
     evidence: str
-    remedy: str
+    remedy: Remedy
 
     @classmethod
-    def of(cls, reason: Reason, evidence: str = "", remedy: str = "") -> Finding:
-        """The texts of the reason, where none is known that says more."""
-        return cls(reason, evidence or reason.value, remedy or reason.remedy)
+    def of(cls, reason: Reason, evidence: str = "", place: str = "") -> Finding:
+        """Those of the reason, where nothing is known that says more. ``place``: where to look."""
+        return cls(reason, evidence or reason.value, (place,) if place else reason.remedy)
 
     @property
     def text(self) -> str:
         """Evidence and remedy in one line."""
-        return f"{self.evidence}; {self.remedy}"
+        return f"{self.evidence}; {remedy_text(self.remedy)}"
 
 
 class FaultNumber(enum.IntEnum):
@@ -622,10 +655,15 @@ class GatewayFault:
     code: int
     by: By
     """Who causes it."""
-    remedy: str
+    todo: Step
     is_warning: bool = False
     severe: bool = False
     """The drive did not execute a command, or did more than commanded. The axis is in fault until an acknowledgement."""
+
+    @property
+    def remedy(self) -> Remedy:
+        """Its remedy, without the acknowledge."""
+        return (self.todo,)
 
     @property
     def warning_mask(self) -> int:
@@ -640,7 +678,6 @@ _CONFIGURATION: Final = "compare the device with the configuration, see pdgw con
 _POSITION: Final = "check the setpoint, and whether the axis is blocked"
 _FRAMES: Final = "check the cable, the PLC's operating mode (STOP) and its cycle time"
 _STOPS: Final = "check brake resistor, the quick stop ramp (6085h, 605Ah), brake and mechanics"
-_UNITS: Final = "check velocity_unit and counts_per_revolution with pdgw axis test"
 GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
     {
         fault.number: fault
@@ -728,7 +765,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
                 "control by PLC removed in operation",
                 0xFF15,
                 _B.PLC,
-                "the PLC's program must keep STW1.10 = 1",
+                Bits(("STW1.10",)),
                 is_warning=True,
             ),
             GatewayFault(_F.NODE_ABSENT, "node does not answer", 0xFF11, _B.NODE, _SUPPLY),
@@ -772,7 +809,12 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
                 _F.NOT_ACKNOWLEDGED, "setpoint not acknowledged", 0xFF1A, _B.DRIVE, _POSITION, is_warning=True
             ),
             GatewayFault(
-                _F.MOVES_UNASKED, "drive moves without a task", 0xFF1B, _B.DRIVE, "send the next task", is_warning=True
+                _F.MOVES_UNASKED,
+                "drive moves without a task",
+                0xFF1B,
+                _B.DRIVE,
+                Give("task", "send the next task"),
+                is_warning=True,
             ),
             GatewayFault(
                 _F.STALLED,

@@ -248,7 +248,7 @@ class CyclicEndpoint:
         host, port = sender
         remedy = Reason.OTHER_SENDER.remedy
         if self._fixed_peer not in (None, host):
-            remedy += f'; if {host} is the PLC, set peer = "{host}"'
+            remedy += (f'if {host} is the PLC, set peer = "{host}"',)
         return Finding(Reason.OTHER_SENDER, f"frames of {host}:{port} do not count: the PLC is {peer}", remedy)
 
     @property

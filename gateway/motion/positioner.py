@@ -15,6 +15,7 @@ from typing import ClassVar, Final
 
 from pdgw.base.durations import MS
 from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.base.step_text import equation
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.modulo import Direction
@@ -24,6 +25,7 @@ from pdgw.gateway.motion.requests import (
     NOTHING,
     Command,
     HomingResult,
+    Lack,
     MotionKind,
     PositionerChoices,
     PositionerFeedback,
@@ -156,7 +158,7 @@ class Positioner:
         """Bits of ``FUNCTIONS`` that are 1 and have started one."""
         self._early = 0
         """Those that have been 1 since before operation."""
-        self._lacked: dict[int, str] = {}
+        self._lacked: dict[int, Lack] = {}
         """What the last edge of a bit lacked, or the loss of its effect."""
         events, actions = self._events(), self._actions()
 
@@ -253,29 +255,32 @@ class Positioner:
     def _note_lacking(self, bits: int) -> None:
         """The edge of these bits comes, or their effect ends: keep which commands are 0 now, else which function runs."""
         state = self.state
-        runs = "" if state in _SELECTABLE or state is _OFF else f"{state.value} was active at its edge"
-        if state in self.HOLDING:
-            runs = f"{self.HOLDING[state]} = 1 ({state.value}) at its edge"
+        runs, holding = Lack(f"{state.value} was active at its edge"), self.HOLDING.get(state, "")
+        if holding:
+            runs = Lack(f"{holding} = 1 ({state.value}) at its edge", holding=holding)
+        elif state in _SELECTABLE or state is _OFF:
+            runs = Lack("its task was rejected")
         commands = self.request.commands
         for bit in (ACTIVATE, HOME, JOGS):
             if bits & bit:
-                zeros = [
+                zeros = tuple(
                     name
                     for command, name in self.NEEDED.items()
                     if not commands & command and (bit == ACTIVATE or command != _NO_INTERMEDIATE_STOP)
-                ]
+                )
                 if bit == JOGS and commands & JOGS == JOGS:
-                    self._lacked[bit] = "both were 1"
+                    self._lacked[bit] = Lack("both were 1")
                 else:
-                    self._lacked[bit] = f"{' = '.join(zeros)} = 0 at its edge or after it" if zeros else runs
+                    lack = Lack(f"{equation(zeros, 0)} at its edge or after it", zeros)
+                    self._lacked[bit] = lack if zeros else runs
 
-    def lacked(self, bits: int) -> str:
+    def lack(self, bits: int) -> Lack:
         """Why the last edge of one of these bits started nothing; with none of them, the function that runs."""
         if not bits:
-            return self.state.value
+            return Lack(self.state.value)
         if self._early & bits:
-            return "it was 1 before operation"
-        return self._lacked.get(bits | JOGS if bits & JOGS else bits) or "its task was rejected"
+            return Lack("it was 1 before operation")
+        return self._lacked.get(bits | JOGS if bits & JOGS else bits, Lack("its task was rejected"))
 
     def _homing_is(self, result: HomingResult) -> bool:
         return self.seen.taken >= self.course.motion.serial and self.seen.homing is result

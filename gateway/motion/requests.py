@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.modulo import Direction
@@ -81,6 +81,16 @@ class PositionerRequest:
 
 NOTHING: Final = PositionerRequest()
 """No commands."""
+
+
+class Lack(NamedTuple):
+    """Why the edge of a bit started nothing."""
+
+    text: str
+    zeros: tuple[str, ...] = ()
+    """Bits that were 0."""
+    holding: str = ""
+    """The bit that keeps another function active."""
 
 
 class HomingResult(enum.Enum):

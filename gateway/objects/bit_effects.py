@@ -1,4 +1,4 @@
-"""Bits that keep a drive object from what the PLC asks: texts and remedies name those that do so now, and no others.
+"""Bits that keep a drive object from what the PLC asks: evidence and remedies name those that do so now, and no others.
 
 Source: PROFIdrive profile (control word 1); CiA DSP 402 (6041h, 60FDh); docs/translation.md.
 """
@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.base.step_text import equation
+from pdgw.gateway.base.steps import OFF_ON, Bits, Remedy
 
 _DRIVE: Final = ("Statusword", "60FDh")
 
@@ -46,7 +48,7 @@ BIT_EFFECTS: Final = (
 )
 
 
-def bit_texts(reason: Reason, words: Mapping[str, int]) -> tuple[str, str]:
+def bit_effects(reason: Reason, words: Mapping[str, int]) -> tuple[str, Remedy]:
     """Evidence and remedy of a reason. ``words``: values by name."""
     own = [row for row in BIT_EFFECTS if reason in row.reasons]
     found = [
@@ -57,10 +59,9 @@ def bit_texts(reason: Reason, words: Mapping[str, int]) -> tuple[str, str]:
     ]
     text, remedy = reason.value, reason.remedy
     if found:
-        bits, effects = " = ".join(name for name, _ in found), ", ".join(row.effect for _, row in found)
+        bits, effects = tuple(name for name, _ in found), ", ".join(row.effect for _, row in found)
         if effects:
-            text = f"{text.partition(': ')[0]}: {bits} = {own[0].level} ({effects})"
+            text = f"{text.partition(': ')[0]}: {equation(bits, own[0].level)} ({effects})"
         if own[0].words not in _DRIVE:
-            then = "; then OFF and ON" if "OFF and ON" in remedy else ""
-            remedy = f"the PLC's program must set {bits} = 1{then}"
+            remedy = (Bits(bits), *(step for step in remedy if step is OFF_ON))
     return text, remedy

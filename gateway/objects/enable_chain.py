@@ -21,8 +21,19 @@ from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.base.step_text import remedy_text
+from pdgw.gateway.base.steps import (
+    Acknowledge,
+    Bits,
+    Edge,
+    Give,
+    Hindrance,
+    Remedy,
+    Wait,
+    with_on,
+)
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.objects.bit_effects import bit_texts
+from pdgw.gateway.objects.bit_effects import bit_effects
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
@@ -42,7 +53,7 @@ _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
 )
 _ENTERS: Final = (
-    "wait; if it takes longer than {:g} s (enter_ms), check the brake, safe torque off (STO) and the enable input"
+    "if it takes longer than {:g} s (enter_ms), check the brake, safe torque off (STO) and the enable input"
 )
 _PHYSICAL = (Enable.BUS, Enable.NODE)
 AXIS_CHAIN: Final = (
@@ -119,16 +130,16 @@ class _Chain:
     def passes(self, enable: Enable) -> None:
         self._links[enable] = ChainLink(enable, True)
 
-    def breaks(self, reason: Reason, evidence: str = "", remedy: str = "") -> None:
-        """The link of a reason is broken. Texts that are not given are its own ones."""
-        text, todo = self.texts(reason)
-        self._links[reason.enable] = ChainLink(reason.enable, False, reason, evidence or text, remedy or todo)
+    def breaks(self, reason: Reason, evidence: str = "", todo: Remedy = ()) -> None:
+        """The link of a reason is broken. What is not given is its own."""
+        text, steps = self.found(reason)
+        self._links[reason.enable] = ChainLink(reason.enable, False, reason, evidence or text, todo or steps)
 
-    def texts(self, reason: Reason) -> tuple[str, str]:
+    def found(self, reason: Reason) -> tuple[str, Remedy]:
         """Evidence and remedy of a reason: by its fault or warning of the gateway, or by the bits that give it."""
-        text, remedy = bit_texts(reason, self._words)
+        text, todo = bit_effects(reason, self._words)
         record = self.newest(number) if (number := _OWN_FAULTS.get(reason)) is not None else None
-        return text if record is None else record.text, remedy
+        return text if record is None else record.text, todo
 
     def newest(self, number: FaultNumber) -> FaultRecord | None:
         """The last fault or warning of this number."""
@@ -145,11 +156,12 @@ class _Chain:
             self.passes(Enable.NODE)
             return True
         node = f"node {self.item.node_id}"
-        text, _, remedy = (client.refusal or client.status_text).partition("; ")
+        text, _, place = (client.refusal or client.status_text).partition("; ")
+        todo: Remedy = (place,) if place else ()
         origin = self.item.origins.present
         match client.status:
             case NodeStatus.REFUSED | NodeStatus.CONFIGURING if client.refusal:
-                self.breaks(Reason.NODE_REFUSED, f"{node} is rejected: {text}", remedy)
+                self.breaks(Reason.NODE_REFUSED, f"{node} is rejected: {text}", todo)
             case NodeStatus.CONFIGURING:
                 progress = f"{node} is being configured{client.progress and f': {client.progress}'}"
                 if origin is not None and origin.number:
@@ -164,22 +176,22 @@ class _Chain:
                 self.breaks(Reason.NODE_CONFIGURING, f"{node} has not answered yet")
             case NodeStatus.OFFLINE if others := network.unconfigured:
                 there = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
-                self.breaks(offline, f"{node} on bus {network.name}: {text}; {there}", _WRONG_NODE_ID)
+                self.breaks(offline, f"{node} on bus {network.name}: {text}; {there}", (_WRONG_NODE_ID,))
             case _:
                 if origin is not None and origin.number == FaultNumber.NODE_LOST and origin.count > 1:
                     text = self.since(origin)
-                self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
+                self.breaks(offline, f"{node} on bus {network.name}: {text}", todo)
         return False
 
-    def check_severe(self, acknowledge: str) -> None:
+    def check_severe(self, acknowledge: Acknowledge) -> None:
         """A severe fault comes before everything else until it is acknowledged, after what it follows from."""
         origin, severe = self.item.origins.present, self.item.origins.severe
         if severe is None:
             return
-        text, remedy = _fault_texts(self.item, severe, acknowledge)
+        text, todo = _fault_and(self.item, severe, acknowledge)
         if origin is not None and origin.number not in (0, severe.number) and origin.first_ns <= severe.first_ns:
             text = f"{self.since(origin)}; then: {severe.evidence}"
-        self.breaks(Reason.SEVERE_FAULT, text, remedy)
+        self.breaks(Reason.SEVERE_FAULT, text, todo)
         self._links = {Enable.NO_FAULT: self._links.pop(Enable.NO_FAULT)} | self._links
 
     def since(self, origin: Origin) -> str:
@@ -261,10 +273,10 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
     asks = demand.connected and demand.power in _ASKS
     commanded = asks and machine.interlock.reason in missing
-    again = "; then OFF and ON" if asks and not axis.released else ""
+    again = asks and not axis.released
     if state in FAULTY:
         origin = Origin.of(cause.record) if (cause := axis.cause) is not None else None
-        chain.breaks(Reason.DRIVE_FAULT, *_fault_texts(axis, origin, _acknowledge(axis)))
+        chain.breaks(Reason.DRIVE_FAULT, *_fault_and(axis, origin, _acknowledge(axis)))
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
     elif machine.units_contradicted:
@@ -277,11 +289,11 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     if supplied:
         chain.passes(Enable.SUPPLY)
     elif (asks or not demand.connected) and machine.lacks_supply(state, unproven=commanded):
-        chain.breaks(Reason.NO_SUPPLY, "", again and Reason.NO_SUPPLY.remedy + again)
+        chain.breaks(Reason.NO_SUPPLY, "", with_on(Reason.NO_SUPPLY.remedy) if again else ())
     if machine.interlock.is_local(statusword):
         own = axis.released and (machine.outputs.command.target_velocity or machine.executor.limit_side)
         panel = Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE
-        chain.breaks(panel, "", again and panel.remedy + again)
+        chain.breaks(panel, "", with_on(panel.remedy) if again else ())
     elif reason is Reason.INHIBITED and state is not None:
         supply = supplied or not machine.lacks_supply(state, unproven=True)
         chain.breaks(reason, *used_up(state, machine.settings.enter_ns, supply=supply))
@@ -291,29 +303,30 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.passes(Enable.OPERATION)
     elif commanded and (begin := machine.enters_since):
         evidence = f"the drive opens its brake, or finds its commutation angle, since {clock(begin, axis.network.loop)}"
-        chain.breaks(Reason.NOT_OPERATING, evidence, _ENTERS.format(machine.settings.enter_ns / SECOND))
+        place = _ENTERS.format(machine.settings.enter_ns / SECOND)
+        chain.breaks(Reason.NOT_OPERATING, evidence, (Wait(""), place))
     elif commanded and state is not None and demand.power is not PowerWish.ON:
         local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
         chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}{local}")
 
 
-def _fault_texts(item: DriveObject, origin: Origin | None, acknowledge: str) -> tuple[str, str]:
+def _fault_and(item: DriveObject, origin: Origin | None, acknowledge: Acknowledge) -> tuple[str, Remedy]:
     """Evidence and remedy of a fault, as far as it is known. ``acknowledge``: what remains to be done after its cause."""
     if origin is None:
-        return "", f"remove the cause; {acknowledge}"
-    return since(origin, item.client.loop), f"{origin.remedy}; {acknowledge}"
+        return "", ("remove the cause", acknowledge)
+    return since(origin, item.client.loop), (*origin.remedy, acknowledge)
 
 
-def _sensor_texts(error: SensorError | None, source: DriveObject, acknowledge: str) -> tuple[str, str]:
+def _sensor_and(error: SensorError | None, source: DriveObject, acknowledge: Acknowledge) -> tuple[str, Remedy]:
     """Evidence and remedy of a sensor error; None: of the fault of an encoder. ``source``: whose position it has."""
     cause, origin = source.cause, source.origins.present
     if cause is not None and cause.record.of_device:
         origin = Origin.of(cause.record)
     elif error not in (None, SensorError.SENSOR_GROUP):
         origin = None
-    evidence, remedy = _fault_texts(source, origin, acknowledge)
+    evidence, todo = _fault_and(source, origin, acknowledge)
     what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
-    return ": ".join(filter(None, (what, evidence))), remedy
+    return ": ".join(filter(None, (what, evidence))), todo
 
 
 def _sensor_notes(axis: Axis) -> Iterator[str]:
@@ -326,8 +339,8 @@ def _sensor_notes(axis: Axis) -> Iterator[str]:
         if encoder is not None and not encoder.good:
             yield f"G{number} has no position: {encoder.label}: {encoder.enable_status.text}"
         elif sensor.state in (SensorState.ERROR, SensorState.ACKNOWLEDGING):
-            texts = _sensor_texts(sensor.error, encoder or axis, f"then acknowledge (G{number}_STW.15)")
-            yield f"G{number}: {'. '.join(texts)}"
+            evidence, todo = _sensor_and(sensor.error, encoder or axis, Acknowledge(f"G{number}_STW.15"))
+            yield f"G{number}: {evidence}. {remedy_text(todo)}"
 
 
 def _check_command(chain: _Chain, axis: Axis) -> None:
@@ -349,46 +362,44 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
         else:
             origin = Origin.of(cause.record)
             text = f"not acknowledged: {chain.since(origin)}"
-            chain.breaks(missing, text, f"{origin.remedy}; {_acknowledge(axis)}")
+            chain.breaks(missing, text, (*origin.remedy, _acknowledge(axis)))
         return
     chain.passes(Enable.ON_EDGE)
     if reason is Reason.SETPOINT_DISABLED and isinstance(demand, SpeedDemand) and demand.speed_wish is SpeedWish.FREEZE:
         chain.breaks(reason, _frozen_text(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
-        chain.breaks(reason, *_order_texts(chain, axis, reason))
+        chain.breaks(reason, *_order_and(chain, axis, reason))
     elif reason is None:
         chain.passes(Enable.SETPOINT)
 
 
-def _order_texts(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, str]:
+def _order_and(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, Remedy]:
     """Evidence and remedy of a setpoint or an order: what it lacked, its bound or limit, its time; then bits without effect."""
     executor, bits, positioner = axis.machine.executor, _NAMED.get(reason, 0), axis.config.positioner
-    text, remedy = chain.texts(reason)
+    text, todo = chain.found(reason)
+    others = executor.ignored & ~bits
     if reason is Reason.SETPOINT_DISABLED and axis.machine.settings.setpoint_enable is SetpointEnable.HOLD:
         text = f"{text.partition(' (')[0]} (the last setpoint stays)"
     if reason in _ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
         text = f"{text} (at {clock(record.time_ns, axis.network.loop)})"
     if reason is Reason.FUNCTION_RUNS:
-        text = f"{text}; active now: {executor.lacked(0)}"
+        text = f"{text}; active now: {executor.lack(0).text}"
+        todo = (*todo[:-1], Edge(_bits(others))) if others else todo
     elif bits and reason is not Reason.EARLY_EDGE:
-        lacked = executor.lacked(bits)
-        text = f"{text}: {lacked}"
-        zeros, _, at_edge = lacked.partition(" = 0 ")
-        holding, _, held = lacked.partition(" = 1 (")
-        if at_edge:
-            remedy = f"{remedy}, with {zeros} = 1"
-        elif held:
-            remedy = f"after the {held.partition(')')[0]}, set {holding} to 0; then {remedy}"
+        lack = executor.lack(bits)
+        text = f"{text}: {lack.text}"
+        edge = Edge(_bits(executor.ignored & bits or bits), lack.zeros)
+        todo = (Wait("for the end of the homing"), Bits((lack.holding,), 0), edge) if lack.holding else (edge,)
     elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and positioner.software_limits:
         text = "{}: {} to {} LU".format(text, *positioner.software_limits)
     elif reason in _AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:
         stopped, free = ("positive", "negative") if executor.limit_side > 0 else ("negative", "positive")
         text = f"{text}, in {stopped} direction"
-        remedy = f"the {free} direction is free: send a setpoint or a task in {free} direction"
-    others = executor.ignored & ~bits
+        order = f"the {free} direction is free: send a setpoint or a task in {free} direction"
+        todo = (Give("other direction", order),)
     if others and reason is Reason.REJECTED:
-        remedy = f"{remedy}, and then a new edge of {_bits(others)}"
-    return f"{text}; without effect: {_bits(others, ' = 1')}" if others else text, remedy
+        todo = (*todo, Edge(_bits(others)))
+    return f"{text}; without effect: {_are_one(others)}" if others else text, todo
 
 
 def _check_latch(chain: _Chain, axis: Axis) -> None:
@@ -397,10 +408,7 @@ def _check_latch(chain: _Chain, axis: Axis) -> None:
     if origin is None:
         chain.breaks(Reason.NEEDS_OFF)
         return
-    remedy = origin.remedy
-    if "OFF and ON" not in remedy:
-        remedy += "; then OFF and ON"
-    chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", remedy)
+    chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", with_on(origin.remedy))
 
 
 def _frozen_text(axis: Axis) -> str:
@@ -417,47 +425,42 @@ def _control_word(axis: Axis) -> tuple[str, int]:
     return axis.telegram.setpoints.names[0], (axis.machine.inputs.setpoints or (0,))[0]
 
 
-def _acknowledge(axis: Axis) -> str:
+def _acknowledge(axis: Axis) -> Acknowledge:
     """What is missing for the acknowledge of a drive in fault."""
     machine, (name, word) = axis.machine, _control_word(axis)
     if machine.acknowledgement.pending:
-        return f"the acknowledge ({name}.7) is sent to the drive"
-    no_control = f"{name}.10" if machine.inputs.setpoints is not None and not machine.demand.in_control else ""
+        return Acknowledge(f"{name}.7", f"{name}.10", Hindrance.PENDING)
+    no_control = machine.inputs.setpoints is not None and not machine.demand.in_control
     in_vain = axis.acknowledged_at > machine.fault_began
-    return _missing_acknowledge(name, no_control, word & ControlBit.FAULT_RESET, in_vain, machine.adapter.unheard)
+    hindrance = _hindrance(no_control, in_vain, word & ControlBit.FAULT_RESET, machine.adapter.unheard)
+    return Acknowledge(f"{name}.7", f"{name}.10", hindrance)
 
 
-def _acknowledge_encoder(encoder: EncoderObject) -> str:
+def _acknowledge_encoder(encoder: EncoderObject) -> Acknowledge:
     """What is missing for the acknowledge of an encoder in fault: first of its sensor error, then of its fault."""
     machine, sensor = encoder.machine, encoder.machine.channel.sensor
     adapter, control = machine.adapter, machine.control
-    no_control = "STW2_ENC.10" if adapter.control is not None and not control.has_control else ""
+    no_control = adapter.control is not None and not control.has_control
     if not machine.in_error:
         level = (adapter.control or 0) & ENCODER_ACKNOWLEDGE
-        return _missing_acknowledge("STW2_ENC", no_control, level, control.in_vain, control.unheard)
-    level = (adapter.sensor_word or 0) & SENSOR_ACKNOWLEDGE
-    if level and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
-        return "set G1_STW.15 to 0: this ends the acknowledge"
-    return _missing_acknowledge("G1_STW", no_control, level, sensor.in_vain)
+        bit, hindrance = "STW2_ENC.7", _hindrance(no_control, control.in_vain, level, control.unheard)
+    else:
+        level = (adapter.sensor_word or 0) & SENSOR_ACKNOWLEDGE
+        bit, hindrance = "G1_STW.15", _hindrance(no_control, sensor.in_vain, level, unheard=False)
+        if level and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
+            hindrance = Hindrance.UNFINISHED
+    return Acknowledge(bit, "STW2_ENC.10", hindrance)
 
 
-def _missing_acknowledge(word: str, no_control: str, level: int, in_vain: bool, unheard: bool = False) -> str:
-    """What is missing for an acknowledge by the edge of a bit of ``word``.
-
-    ``no_control``: the bit of control by PLC if it is 0. ``level``: of the bit, 0 or not. ``in_vain``: an edge came while the
-    cause was there. ``unheard``: it came without control.
-    """
-    bit = "G1_STW.15" if word == "G1_STW" else f"{word}.7"
-    edge = f"set {bit} to 0 and then to 1"
+def _hindrance(no_control: bool, in_vain: bool, level: int, unheard: bool) -> Hindrance:
+    """Why an acknowledge has had no effect. ``in_vain``: an edge came while the cause was there. ``level``: its bit."""
     if no_control:
-        return f"{bit} has no effect while {no_control} = 0: set {no_control}, then acknowledge ({bit})"
+        return Hindrance.NO_CONTROL
     if in_vain:
-        return f"it was acknowledged, but the cause is still there: remove it, then {edge}"
+        return Hindrance.IN_VAIN
     if level:
-        return f"then acknowledge: it needs an edge, {edge}"
-    control = f"{word}.10"
-    early = f"the edge of {bit} came with {control} or before it: keep {control} = 1, then {edge}"
-    return early if unheard else f"then acknowledge ({bit})"
+        return Hindrance.LEVEL
+    return Hindrance.UNHEARD if unheard else Hindrance.NONE
 
 
 def device_warning(item: DriveObject) -> str:
@@ -478,14 +481,14 @@ def notes(axis: Axis) -> list[str]:
     adapter, word = axis.machine.adapter, _control_word(axis)[1]
     found: list[str] = []
     is_speed = isinstance(adapter, SpeedAdapter)
-    if isinstance(adapter, ControlWordAdapter) and (bits := _bits(word & adapter.IGNORED, " = 1")):
+    if isinstance(adapter, ControlWordAdapter) and (ones := _are_one(word & adapter.IGNORED)):
         speed = "; a negative setpoint turns backwards" if is_speed else ""
-        found.append(f"without effect in telegram {axis.telegram.number}: {bits}{speed}")
+        found.append(f"without effect in telegram {axis.telegram.number}: {ones}{speed}")
     limited = axis.good and axis.drive.feedback.statusword & StatusBit.INTERNAL_LIMIT
     if limited and axis.machine.outputs.reason not in _AT_LIMIT:
         found.append("the drive reports an internal limit (Statusword.11 = 1), which does not limit this motion")
     if is_speed and (bits := _bits(word & DEVICE_BITS)):
-        found.append(f"sent to the drive as the same bits of the Controlword: {bits}")
+        found.append(f"sent to the drive as the same bits of the Controlword: {', '.join(bits)}")
     for item, raw in zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False):
         percent = item.percent(raw) if item.quantity in _SPEEDS else None
         if percent is not None and abs(percent) > _FULL:
@@ -501,9 +504,14 @@ def notes(axis: Axis) -> list[str]:
     return found
 
 
-def _bits(word: int, value: str = "") -> str:
+def _bits(word: int) -> tuple[str, ...]:
     """The set bits of STW1."""
-    return ", ".join(f"STW1.{bit}{value}" for bit in range(16) if word >> bit & 1)
+    return tuple(f"STW1.{bit}" for bit in range(16) if word >> bit & 1)
+
+
+def _are_one(word: int) -> str:
+    """The same as text."""
+    return ", ".join(f"{bit} = 1" for bit in _bits(word))
 
 
 def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
@@ -514,7 +522,7 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
         error = machine.channel.sensor.error if machine.in_error else None
         if machine.in_error or machine.control.fault:
             kind = Reason.SENSOR_ERROR if machine.in_error else Reason.ENCODER_FAULT
-            chain.breaks(kind, *_sensor_texts(error, encoder, _acknowledge_encoder(encoder)))
+            chain.breaks(kind, *_sensor_and(error, encoder, _acknowledge_encoder(encoder)))
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:

@@ -6,6 +6,8 @@ import re
 from typing import NamedTuple
 
 from pdgw.gateway.base.reasons import AxisState, Enable, Reason
+from pdgw.gateway.base.step_text import remedy_text
+from pdgw.gateway.base.steps import Remedy
 
 _TIME = re.compile(r",? \(?(?:since|at) \d\d:")
 
@@ -20,8 +22,12 @@ class ChainLink(NamedTuple):
     """Reason of a broken link."""
     evidence: str = ""
     """Evidence that it is broken."""
-    remedy: str = ""
-    """The remedy."""
+    remedy: Remedy = ()
+
+    @property
+    def todo(self) -> str:
+        """The text of the remedy."""
+        return remedy_text(self.remedy)
 
 
 def untimed(text: str) -> str:
@@ -44,7 +50,7 @@ class EnableStatus(NamedTuple):
     def sentence(self) -> str:
         """State, reason and remedy: ``Fault: EMCY 7305h incremental sensor 1, since 14:02:11. Check the encoder cable.``"""
         link = self.broken
-        return self.text if link is None else f"{self.text}. {link.remedy[:1].upper()}{link.remedy[1:]}."
+        return self.text if link is None else f"{self.text}. {link.todo[:1].upper()}{link.todo[1:]}."
 
     @property
     def text(self) -> str:

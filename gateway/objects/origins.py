@@ -17,6 +17,7 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
+from pdgw.gateway.base.steps import Remedy
 
 ORDERS: Final[dict[Reason | None, str]] = {
     Reason.RAMP_STOP: "ON came before the end of the OFF1 ramp",
@@ -33,15 +34,15 @@ _LACKS: Final = {
 """What a drive lacks in a state that Shutdown must end at once. In the others it lacks what its power stage needs."""
 
 
-def used_up(state: State, enter_ns: int, *, supply: bool) -> tuple[str, str]:
+def used_up(state: State, enter_ns: int, *, supply: bool) -> tuple[str, Remedy]:
     """Evidence and remedy of an ON that the drive has not followed from a state, in the time ``enter_ns`` of its power stage.
     ``supply``: the drive does not show that it lacks its supply."""
-    lacks, time, remedy = _LACKS.get(state, ""), "", Reason.INHIBITED.remedy
+    lacks, time, todo = _LACKS.get(state, ""), "", Reason.INHIBITED.remedy
     if not lacks:
         lacks, time = "main contactor, DC link or enable input", f" for {enter_ns / SECOND:g} s (enter_ms)"
     if not supply:
-        lacks, remedy = "no supply voltage (Statusword.4 = 0)", Reason.NO_SUPPLY.remedy
-    return f"the drive did not leave {state.value}{time} after ON: {lacks}", remedy
+        lacks, todo = "no supply voltage (Statusword.4 = 0)", Reason.NO_SUPPLY.remedy
+    return f"the drive did not leave {state.value}{time} after ON: {lacks}", todo
 
 
 @dataclass(slots=True)
@@ -51,7 +52,7 @@ class Origin:
     by: By
     evidence: str
     first_ns: int
-    remedy: str = Reason.NEEDS_OFF.remedy
+    remedy: Remedy = Reason.NEEDS_OFF.remedy
     number: int = 0
     """Its fault (P947); 0: no fault."""
     last_ns: int = 0
@@ -62,12 +63,13 @@ class Origin:
     def of(cls, record: FaultRecord) -> Origin:
         """That of a fault; its text may end with a remedy."""
         fault, time = GATEWAY_FAULTS.get(record.number), record.time_ns
-        evidence, remedy = record.text, ""
+        evidence, place = record.text, ""
         if fault is None or fault.by is not By.PLC:
-            evidence, _, remedy = evidence.partition("; ")
+            evidence, _, place = evidence.partition("; ")
         if fault is None:
-            return cls(By.DRIVE, evidence, time, remedy or emcy_remedy(record.code), record.number, time, 1)
-        return cls(record.by or fault.by, evidence, time, remedy or fault.remedy, record.number, time, 1)
+            return cls(By.DRIVE, evidence, time, (place or emcy_remedy(record.code),), record.number, time, 1)
+        todo = (place,) if place else fault.remedy
+        return cls(record.by or fault.by, evidence, time, todo, record.number, time, 1)
 
 
 def clock(time_ns: int, loop: Loop) -> str:

@@ -16,6 +16,7 @@ from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.base.identity import interpreter, kind
 from pdgw.gateway.base.ports import bound
+from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.base.store import units_text
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
@@ -81,7 +82,7 @@ def _origin(item: DriveObject) -> dict[str, Any] | None:
         "by": origin.by.value,
         "number": int(origin.number),
         "text": origin.evidence,
-        "remedy": origin.remedy,
+        "remedy": remedy_text(origin.remedy),
         "count": origin.count,
         "first": _shown_time(loop, origin.first_ns),
         "last": _shown_time(loop, origin.last_ns or origin.first_ns),
@@ -109,14 +110,14 @@ def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
         "sentence": enable_status.sentence,
         "reason": broken.evidence if broken else "",
         "reason_id": broken.reason.name if broken and broken.reason else "",
-        "remedy": broken.remedy if broken else "",
+        "remedy": broken.todo if broken else "",
         "chain": [
             {
                 "id": link.enable.name,
                 "text": link.enable.value,
                 "ok": link.ok,
                 "evidence": link.evidence,
-                "todo": link.remedy,
+                "todo": link.todo,
             }
             for link in enable_status.chain
         ],

@@ -204,7 +204,7 @@ def test_heartbeat_with_the_node_id_of_the_gateway_stops_the_drives(state: NmtSt
         status = daemon.axes[0].enable_status
         assert status.broken is not None
         assert f"sends the heartbeat of node 127 ({NmtState.text(state)})" in status.broken.evidence
-        assert OTHER_ID in status.broken.remedy
+        assert OTHER_ID in status.broken.todo
 
 
 def _reacting(daemon: Daemon) -> None:

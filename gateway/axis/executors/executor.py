@@ -17,6 +17,7 @@ from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Inputs, Outputs, ProbeAnswer
 from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.motion.requests import Lack
 from pdgw.gateway.motion.travel import LIMIT_LEFT_NS, LIMIT_STANDING_NS
 from pdgw.profidrive.normalisation import Normalisation
 
@@ -73,9 +74,9 @@ class Executor:
         """Bits of STW1 that are 1 and start nothing."""
         return 0
 
-    def lacked(self, mask: int) -> str:
+    def lack(self, mask: int) -> Lack:
         """Why the last edge of bits of STW1 that start something started nothing; 0: the active function."""
-        return ""
+        return Lack("both are 1")
 
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""

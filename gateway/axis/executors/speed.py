@@ -158,9 +158,6 @@ class SpeedExecutor(Executor):
         both = wish is _ZERO and any(self._jog_speeds)
         return Reason.LOST_JOG if both else Reason.NO_JOG_SPEED
 
-    def lacked(self, mask: int) -> str:
-        return "both are 1"
-
     def _reached(self, target: int, statusword: int, velocity: int) -> bool:
         """Whether the drive follows the setpoint in force, and that is the PLC's own."""
         now = self.inputs.now

@@ -303,7 +303,7 @@ def test_a_jog_that_starts_nothing_keeps_the_cause_of_its_edge(
     rig.step(3, **lacking)
     rig.step(60, **given)
     assert (rig.speed, rig.result.reason) == (0, Reason.LOST_JOG)
-    assert rig.positioner.lacked(Command.JOG_2_ON) == why
+    assert rig.positioner.lack(Command.JOG_2_ON).text == why
 
 
 @pytest.mark.parametrize("function", ["MDI position", "setting up", "traversing block", "homing", "tracking"])
@@ -327,7 +327,7 @@ def test_a_jog_edge_during_another_function_is_refused_and_not_kept(function: st
     position = rig.position
     rig.step(200)
     assert (rig.position, rig.result.reason) == (position, Reason.LOST_JOG)
-    assert rig.positioner.lacked(Command.JOG_2_ON) == f"{function} was active at its edge"
+    assert rig.positioner.lack(Command.JOG_2_ON).text == f"{function} was active at its edge"
     rig.step(2, jog_2=False)
     rig.step(60, jog_2=True)
     assert rig.position > position, "an edge of its own moves the axis"
@@ -385,7 +385,7 @@ def test_an_edge_that_starts_nothing_keeps_what_it_lacked(
     rig.step(do_not_reject=True, no_intermediate_stop=True, jog_2=False, homing=False)
     rig.run_out()
     assert rig.result.reason is Reason.LOST_EDGE
-    assert rig.positioner.lacked(Command.ACTIVATE_TASK) == why
+    assert rig.positioner.lack(Command.ACTIVATE_TASK).text == why
 
 
 def test_jog_and_tasks_do_not_replace_each_other() -> None:

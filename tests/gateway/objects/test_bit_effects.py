@@ -10,7 +10,8 @@ import pytest
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.base.reasons import AxisState, Reason
-from pdgw.gateway.objects.bit_effects import BIT_EFFECTS, BitEffect, bit_texts
+from pdgw.gateway.base.steps import OFF_ON, Bits
+from pdgw.gateway.objects.bit_effects import BIT_EFFECTS, BitEffect, bit_effects
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.profidrive.signals import signal
 from tests.support.documents.device_situations import MDI, POSITIONER
@@ -61,7 +62,7 @@ def test_a_bit_of_stw1_that_is_0_gives_a_reason_of_its_row(row: BitEffect) -> No
             link = daemon.axes[0].enable_status.broken
             seen |= {daemon.axes[0].reason, None if link is None else link.reason}
             if link is not None and link.reason in row.reasons:
-                assert f"set STW1.{row.bit} = 1" in link.remedy
+                assert f"set STW1.{row.bit} = 1" in link.todo
         assert seen & set(row.reasons)
 
 
@@ -72,7 +73,7 @@ def test_a_missing_setpoint_names_the_bits_that_are_0_alone(bits: tuple[int, ...
         run_out(plc)
         link = daemon.axes[0].enable_status.broken
         assert link is not None
-        assert named(link.evidence) == named(link.remedy) == set(bits)
+        assert named(link.evidence) == named(link.todo) == set(bits)
 
 
 @pytest.mark.parametrize("bits", [bits for n in (1, 2, 3) for bits in combinations(_ENABLES, n)], ids=str)
@@ -82,7 +83,7 @@ def test_a_drive_held_off_names_the_bits_that_are_0_alone(bits: tuple[int, ...])
         run_out(plc)
         link = daemon.axes[0].enable_status.broken
         assert link is not None
-        assert named(link.evidence) == named(link.remedy) == set(bits)
+        assert named(link.evidence) == named(link.todo) == set(bits)
 
 
 @pytest.mark.parametrize("bits", [(1,), (2,), (1, 2)], ids=str)
@@ -93,7 +94,7 @@ def test_a_drive_that_is_off_names_the_bits_of_its_stop_alone(bits: tuple[int, .
         link = daemon.axes[0].enable_status.broken
         assert link is not None
         assert link.reason in (Reason.COAST_STOP, Reason.QUICK_STOP)
-        assert named(link.remedy) == set(bits)
+        assert named(link.todo) == set(bits)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +108,7 @@ def test_what_is_asked_while_tasks_are_rejected_names_its_own_bit(number: int, w
             plc.exchange(20)
         link = daemon.axes[0].enable_status.broken
         assert link is not None
-        assert link.remedy == f"the PLC's program must set STW1.4 = 1, and then a new edge of STW1.{bit}"
+        assert link.todo == f"the PLC's program must set STW1.4 = 1, and then a new edge of STW1.{bit}"
         assert named(link.evidence) == {4, bit}
 
 
@@ -164,13 +165,13 @@ def test_a_drive_that_shows_remote_with_power_alone_is_never_in_local_mode() -> 
 
 def test_bits_that_give_a_reason_are_one_equation() -> None:
     words = {"STW1": 0x0405}
-    assert bit_texts(Reason.HELD_OFF, words) == (
+    assert bit_effects(Reason.HELD_OFF, words) == (
         "the PLC sends ON (STW1.0 = 1) and keeps the drive off: STW1.1 = STW1.3 = 0 (OFF2, Disable Operation)",
-        "the PLC's program must set STW1.1 = STW1.3 = 1; then OFF and ON",
+        (Bits(("STW1.1", "STW1.3")), OFF_ON),
     )
-    assert "off: Controlword.1 = Controlword.2 = 0" in bit_texts(Reason.HELD_OFF, {"Controlword": 0x9})[0]
-    assert bit_texts(Reason.COAST_STOP, {"STW1": 0xFFFF}) == (Reason.COAST_STOP.value, Reason.COAST_STOP.remedy)
-    assert bit_texts(Reason.STOPPED_AT_LIMIT, {"60FDh": 0x2}) == (
+    assert "off: Controlword.1 = Controlword.2 = 0" in bit_effects(Reason.HELD_OFF, {"Controlword": 0x9})[0]
+    assert bit_effects(Reason.COAST_STOP, {"STW1": 0xFFFF}) == (Reason.COAST_STOP.value, Reason.COAST_STOP.remedy)
+    assert bit_effects(Reason.STOPPED_AT_LIMIT, {"60FDh": 0x2}) == (
         "stopped at a limit of the drive (Statusword.11): 60FDh.1 = 1 (positive limit switch)",
         Reason.STOPPED_AT_LIMIT.remedy,
     )

@@ -10,6 +10,7 @@ import pytest
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN
 from pdgw.gateway.objects.enable_status import ChainLink
@@ -69,9 +70,8 @@ def test_every_reason_declares_state_link_and_remedy(reason: Reason) -> None:
     assert reason.enable in chain
     assert reason.state in AxisState
     assert reason.state is not AxisState.OBEYS
-    assert reason.remedy
-    assert reason.remedy[0] not in " ."
-    assert reason.remedy[-1] not in " ."
+    text = remedy_text(reason.remedy)
+    assert text.strip(" .") == text != ""
 
 
 def test_number_of_a_reason_is_its_place_among_the_names_of_a_recording() -> None:
@@ -150,7 +150,7 @@ def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tupl
             assert found[other].ok is False
         result = shown(daemon)
         assert link.evidence in result.sentence
-        remedy = f"{link.remedy[:1].upper()}{link.remedy[1:]}."
+        remedy = f"{link.todo[:1].upper()}{link.todo[1:]}."
         assert result.sentence == f"{daemon.axes[0].enable_status.state.value}: {link.evidence}. {remedy}"
         assert f'reason="{link.reason.name.lower()}"' in result.surfaces.pop("metrics")  # type: ignore[union-attr]
         if link.reason is Reason.SWITCHED_OFF:

@@ -345,9 +345,7 @@ def test_log_of_frames_that_do_not_count_has_the_words_of_the_first_line(caplog:
     ):
         broken = daemon.objects[0].enable_status.broken
         assert broken is not None
-        assert [text for text in caplog.messages if text.startswith("frames")] == [
-            f"{broken.evidence}; {broken.remedy}"
-        ]
+        assert [text for text in caplog.messages if text.startswith("frames")] == [f"{broken.evidence}; {broken.todo}"]
 
 
 def test_a_second_plc_is_a_warning_beside_the_first_one() -> None:

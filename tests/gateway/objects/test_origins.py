@@ -14,6 +14,7 @@ from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber
+from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_status import EnableStatus
 from pdgw.gateway.service.last_words import LastWords, kept_last_words
@@ -331,8 +332,8 @@ def test_line_of_an_axis_has_its_setpoint_and_a_note_if_it_does_not_follow() -> 
 def test_every_gateway_fault_names_its_author_and_remedy() -> None:
     for fault in GATEWAY_FAULTS.values():
         assert fault.by in By
-        assert fault.remedy
-        assert fault.remedy[0].islower() or fault.remedy[0] == "C"
+        text = remedy_text(fault.remedy)
+        assert text[0].islower() or text[0] == "C"
     severe = {number for number, fault in GATEWAY_FAULTS.items() if fault.severe}
     assert severe == {
         FaultNumber.STATE_UNKNOWN,

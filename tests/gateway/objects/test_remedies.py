@@ -28,7 +28,7 @@ _REFUSED = {
 def texts(daemon: Daemon) -> tuple[Reason | None, str, str]:
     """Reason, evidence and remedy of the first axis."""
     link = daemon.axes[0].enable_status.broken
-    return (None, "", "") if link is None else (link.reason, link.evidence, link.remedy)
+    return (None, "", "") if link is None else (link.reason, link.evidence, link.todo)
 
 
 def send(plc: Plc, word: int, cycles: int = 20, **values: int) -> None:
@@ -66,7 +66,7 @@ def test_remedy_of_a_task_names_the_bit_that_keeps_telegram_9_in_homing() -> Non
         position = plc.value("XIST_A")
         _, evidence, remedy = texts(daemon)
         assert "STW1.11 = 1 (homing) at its edge" in evidence
-        assert remedy == "after the homing, set STW1.11 to 0; then set STW1.6 to 0 and to 1"
+        assert remedy == "wait for the end of the homing; set STW1.11 to 0, and then a new edge of STW1.6"
         send(plc, 0x047F)
         send(plc, 0x043F)
         send(plc, 0x047F, 800)
@@ -142,7 +142,7 @@ def test_acknowledge_of_an_encoder_that_came_with_control_is_named() -> None:
             run_out(plc)
         link = daemon.encoders[0].enable_status.broken
         assert link is not None
-        assert "the edge of STW2_ENC.7 came with STW2_ENC.10 or before it" in link.remedy
+        assert "the edge of STW2_ENC.7 came with STW2_ENC.10 or before it" in link.todo
 
 
 _OFF_SUPPLY = StatusBit.VOLTAGE_ENABLED

@@ -8,6 +8,7 @@ import pytest
 
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.reasons import AxisState, Reason
+from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
@@ -36,7 +37,7 @@ def status(
         "state_id": reason.state.name,
         "reason": text or reason.value,
         "reason_id": reason.name,
-        "remedy": reason.remedy,
+        "remedy": remedy_text(reason.remedy),
         "cause": {"code": fault} if fault else None,
         "bus": bus,
         "node_id": do_id,

@@ -24,6 +24,7 @@ from pdgw.gateway.axis.orders import LEAVE_TEXTS, LINE_TEXTS, ORDERS
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, ORDER_ROWS, ROWS
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, GatewayFault, Reason
+from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.requests import Command
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
@@ -323,7 +324,10 @@ def generate() -> str:
         "## Fault numbers of the gateway (P947)\n",
         table(
             ("number", "fault", "P945", "kind", "by", "remedy"),
-            ((f.number, f.name, f"{f.code:04X}h", _kind(f), f.by.value, f.remedy) for f in GATEWAY_FAULTS.values()),
+            (
+                (f.number, f.name, f"{f.code:04X}h", _kind(f), f.by.value, remedy_text(f.remedy))
+                for f in GATEWAY_FAULTS.values()
+            ),
         ),
         "## Message classes of the diagnosis\n",
         "By the leading digits of the error code (EMCY, 603Fh); the longest match counts.\n",
@@ -391,7 +395,7 @@ def generate() -> str:
         "## Why it does not move\n",
         table(
             ("reason", "text", "state", "first broken link", "what to do"),
-            ((item.name, item.value, item.state.value, item.enable.value, item.remedy) for item in Reason),
+            ((item.name, item.value, item.state.value, item.enable.value, remedy_text(item.remedy)) for item in Reason),
         ),
         "## Power table\n",
         "In each cycle and for every telegram, the first matching row of `gateway/axis/power_table.py` decides what the gateway "

@@ -319,7 +319,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
             (0x047F, {"POS_STW2": 0}),
             (0x043F, {}),
         ),
-        says=("Waits", "the reference point was not set", "(at ", "set POS_STW2.1"),
+        says=("Waits", "the reference point was not set", "(at ", "new edge of POS_STW2.1"),
         lacks=("can be set",),
         health=Health.WARNING,
         cure=words((0x043F, {"POS_STW2": 2})),

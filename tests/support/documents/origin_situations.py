@@ -474,7 +474,7 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
         begin=words((ON & ~0x400, {}), (ON, {})),
         says=(
             "Waits: ON ignored: control by PLC removed in operation, since ",
-            "must keep STW1.10 = 1; then OFF and ON",
+            "must set STW1.10 = 1; then OFF and ON",
         ),
         lacks=("STW1.10 = 0",),
         health=Health.WARNING,

@@ -25,7 +25,7 @@ from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
 from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Motion, PositionerRequest, Seen
+from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Lack, Motion, PositionerRequest, Seen
 from pdgw.gateway.motion.states import FUNCTIONS, State
 from pdgw.gateway.motion.travel import Stall
 from pdgw.profidrive.signals import signal
@@ -177,8 +177,8 @@ class MotionExecutor(Executor):
         ignored = self.positioner.ignored if self._seen.bits & Seen.OPERATING else 0
         return sum(mask for command, mask in _FUNCTION_BITS if ignored & command)
 
-    def lacked(self, mask: int) -> str:
-        return self.positioner.lacked(sum(command for command, bit in _FUNCTION_BITS if mask & bit))
+    def lack(self, mask: int) -> Lack:
+        return self.positioner.lack(sum(command for command, bit in _FUNCTION_BITS if mask & bit))
 
     def restarted(self) -> None:
         self._forget_home()
