@@ -8,6 +8,7 @@ from typing import Final
 from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.base.reasons import Finding, Reason
+from pdgw.gateway.base.steps import Remedy
 from pdgw.gateway.objects.origins import clock
 from pdgw.profidrive.frame import STATUS_NORMAL
 from pdgw.profinet.blocks.connect_blocks import ExpectedSlot, IocrType
@@ -53,7 +54,7 @@ def of_start_up(relation: ApplicationRelation, loop: Loop) -> Finding:
         return found
     missing, remedy = START_UP[relation.state]
     text = f"the {_controller(relation)} has connected, {missing} since {clock(relation.since_ns, loop)}"
-    return Finding(Reason.NO_RELATIONSHIP, text, remedy)
+    return Finding(Reason.NO_RELATIONSHIP, text, (remedy,))
 
 
 def of_refused(refused: Refused) -> Finding:
@@ -70,7 +71,7 @@ def of_end(relation: ApplicationRelation, ended: Ended, now: int) -> Finding:
         return frames._replace(evidence=f"{text}; {frames.evidence}")
     if (phase := START_UP.get(ended.state)) is not None:
         return Finding(
-            Reason.NO_RELATIONSHIP, f"{text}: the {_controller(relation)} has connected, {phase[0]}", phase[1]
+            Reason.NO_RELATIONSHIP, f"{text}: the {_controller(relation)} has connected, {phase[0]}", (phase[1],)
         )
     return Finding.of(Reason.PLC_LOST, text)
 
@@ -94,26 +95,26 @@ def of_frames(relation: ApplicationRelation, now: int, silence_ns: int = 0) -> F
     return Finding(reason, f"frames of the {_controller(relation)} come and do not count: {wrong}", remedy)
 
 
-def _wrong(verdict: Verdict, frame: bytes, consumer: Consumer) -> tuple[Reason, str, str]:
+def _wrong(verdict: Verdict, frame: bytes, consumer: Consumer) -> tuple[Reason, str, Remedy]:
     if verdict is Verdict.LENGTH:
         return (
             Reason.FRAME_LAYOUT,
             f"{len(frame)} bytes, expected {consumer.size}",
-            "download the controller's project again",
+            ("download the controller's project again",),
         )
     status, transfer = frame[consumer.trailer + 2 : consumer.size]
     if verdict is Verdict.STALE:
         return Reason.FRAME_COUNTER, "their cycle counter does not increase", Reason.FRAME_COUNTER.remedy
     if verdict is Verdict.TRANSFER_STATUS:
         text = f"TransferStatus {transfer:02X}h, expected 00h"
-        return Reason.FRAME_INVALID, text, "check the network card of the controller and the switches"
+        return Reason.FRAME_INVALID, text, ("check the network card of the controller and the switches",)
     if verdict is Verdict.NOT_VALID:
         bit, remedy = "bit 2 (data valid) is 0", "set the controller to RUN; its program must provide output data"
     elif status & STATUS_IGNORE:
         bit, remedy = "bit 7 (ignore) is 1", "the controller must send its own data without the bit"
     else:
         bit, remedy = "bit 0 (primary) is 0", "make this controller the primary one"
-    return Reason.FRAME_INVALID, f"DataStatus {status:02X}h, {bit}, expected {STATUS_NORMAL:02X}h", remedy
+    return Reason.FRAME_INVALID, f"DataStatus {status:02X}h, {bit}, expected {STATUS_NORMAL:02X}h", (remedy,)
 
 
 # -- project ----------------------------------------------------------------------------------------------------------
