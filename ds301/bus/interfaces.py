@@ -106,7 +106,7 @@ def system_text(error: OSError, channel: object, bitrate: int | None = None) -> 
     text = error.strerror or str(error)
     name = channel if isinstance(channel, str) and channel else "can0"
     if error.errno == errno.ENETDOWN:
-        return f"{text}; bring it up: sudo ip link set {name} up type can bitrate {bitrate or 'BITRATE'}"
+        return f"{text}; bring it up: sudo ip link set {name} up type can bitrate {bitrate or 'BITRATE'} restart-ms 100"
     if error.errno == errno.ENODEV:
         return f"{text}; list the existing ones: ip link show type can"
     if error.errno == errno.EAFNOSUPPORT:

@@ -17,6 +17,7 @@ import can
 from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
+from pdgw.ds301.bus.health import BusHealth, Outage
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
 from pdgw.ds301.communication import (
@@ -40,8 +41,6 @@ FrameListener = Callable[[can.Message], None]
 _OPERATIONAL: Final = bytes((NmtState.OPERATIONAL,))
 _ONE_BYTE: Final = bytes(1)
 """Data of a remote request: only its length is sent."""
-_BUSY_NS: Final = 100 * MS
-"""An interface that accepts no frame for this time is not healthy; a queue that is full for a moment is normal."""
 _ASK_AGAIN_NS: Final = 5 * MS
 """An interface that has not reported room for this time is tried again."""
 _BRING_UPS: Final = 16
@@ -106,10 +105,7 @@ class CanNetwork(Receiver):
         self.lost = 0
         self.bus_off = 0
         self.error_passive = 0
-        self.healthy = True
-        """False from a bus-off or a lost interface until a frame passes again."""
-        self.failures = 0
-        """Counts how often that began, for who looks later."""
+        self.health = BusHealth()
         self.listeners: list[FrameListener] = []
         self.on_drop: list[Callable[[], None]] = []
         """Called when frames of any sender were dropped."""
@@ -139,7 +135,7 @@ class CanNetwork(Receiver):
         self.on_other_sender: Callable[[int, str], None] | None = None
         """Called with COB-ID and name when a frame arrives that only the gateway sends."""
         self.log_event: Callable[[str], object] = lambda _: None
-        """Called with the text when ``healthy`` changes."""
+        """Called with the text when the bus is lost, for another reason, or back."""
         self.syncs = 0
         """SYNC of the gateway, and of other senders that are claimed."""
         self.sync_changed: Callable[[], None] | None = None
@@ -147,7 +143,6 @@ class CanNetwork(Receiver):
         self._opener = opener
         self._port: CanPort | None = opener()
         self._started = False
-        self._busy_since = -1
         self._pause = _FIRST_PAUSE_NS
         self._reopening: Timer | None = None
         """Time of the next try, or of the confirmation of the last one."""
@@ -209,6 +204,17 @@ class CanNetwork(Receiver):
     def unconfigured(self) -> list[int]:
         """Nodes that were heard, and are none of those of the gateway."""
         return sorted(node for node in self.nodes_seen if not self.is_subscribed(ERROR_CONTROL + node))
+
+    @property
+    def healthy(self) -> bool:
+        """The bus works, as far as its interface shows."""
+        return self.health.outage is None
+
+    @property
+    def outage_text(self) -> str:
+        """The bus, why it is lost or was lost last, and the remedy."""
+        outage = self.health.shown(self.loop.now()) or self.health.last
+        return f"bus {self.name}: {outage.value}; {outage.remedy}"
 
     def is_subscribed(self, cob_id: int) -> bool:
         """Whether the frames of this COB-ID have a receiver, other than of a PDO."""
@@ -345,7 +351,7 @@ class CanNetwork(Receiver):
             port.close()
             self.on_lost(str(error))
             return False
-        self._busy_since = -1
+        self.health.taken()
         self.sent += 1
         if self.tap is not None:
             self.tap.frame(cob_id, data, self.loop.now())
@@ -409,8 +415,7 @@ class CanNetwork(Receiver):
     def on_frame(self, can_id: int, data: bytes, now: int) -> None:
         """A data frame with a standard identifier."""
         self.received += 1
-        if not self.healthy:
-            self._turn_health()
+        self._note_received(now)
         if self.tap is not None:
             self.tap.frame(can_id, data, now)
         if self.listeners:
@@ -428,8 +433,7 @@ class CanNetwork(Receiver):
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
         """A frame outside CANopen, or a request to another node."""
         self.received += 1
-        if not self.healthy:
-            self._turn_health()
+        self._note_received(self.loop.now())
         if self.tap is not None:
             flags = (EXTENDED if extended else 0) | (REMOTE if remote else 0)
             self.tap.frame(can_id | flags, data, self.loop.now())
@@ -446,9 +450,9 @@ class CanNetwork(Receiver):
             self.error_passive += 1
         if bus_off:
             self.bus_off += 1
-            if self.healthy:
-                log.error("CAN bus %s: bus-off", self.name, extra=self._log_fields)
-            self._fail()
+        before = self.health.outage
+        self.health.error(self.loop.now(), bus_off=bus_off)
+        self._report_outage(before)
 
     def on_room(self) -> None:
         """The interface takes frames again."""
@@ -461,7 +465,9 @@ class CanNetwork(Receiver):
             queue.clear()
         self._drop_sdo()
         self.waiting = False
-        self._fail()
+        before = self.health.outage
+        self.health.lost()
+        self._report_outage(before)
         if self._working:
             self.lost += 1
             self._working = False
@@ -500,19 +506,24 @@ class CanNetwork(Receiver):
 
     def _note_busy(self) -> None:
         self._refused_at = now = self.loop.now()
-        if self._busy_since < 0:
-            self._busy_since = now
-        elif now - self._busy_since >= _BUSY_NS:
-            self._fail()
+        before = self.health.outage
+        self.health.busy(now)
+        self._report_outage(before)
 
-    def _fail(self) -> None:
-        self.failures += self.healthy
-        if self.healthy:
-            self._turn_health()
+    def _note_received(self, now: int) -> None:
+        before = self.health.outage
+        self.health.received(now)
+        if before is not None:
+            self._report_outage(before)
 
-    def _turn_health(self) -> None:
-        self.healthy = not self.healthy
-        self.log_event(f"bus {self.name}: {'healthy' if self.healthy else 'LOST'}")
+    def _report_outage(self, before: Outage | None) -> None:
+        outage = self.health.outage
+        if outage is before:
+            return
+        text = f"bus {self.name}: {'healthy' if outage is None else f'LOST: {outage.value}'}"
+        self.log_event(text)
+        if outage is not None and outage is not Outage.INTERFACE:  # whose line has the error of the system
+            log.error("CAN %s", text, extra=self._log_fields)
 
     def _notify_listeners(
         self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False

@@ -653,7 +653,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
-        self._bus_failures = self.network.failures
+        self._bus_failures = self.network.health.failures
         if self.unconfirmed:  # another master wrote during the bring-up
             self._lose(self.unconfirmed)
         self.network.watch(self._monitor)
@@ -778,12 +778,12 @@ class NodeClient(abc.ABC, Generic[S]):
             return f"objects without PDO could not be read {ACYCLIC_FAILURES} times"
         if now > self._acyclic_until:
             return f"objects without PDO were not read for {self._acyclic_limit_ns // MS} ms"
-        return f"CAN bus {self.network.name} failed" if self.bus_failed else ""
+        return self.network.outage_text if self.bus_failed else ""
 
     @property
     def bus_failed(self) -> bool:
         """The bus failed while the node was online, even if it has recovered since: what was sent meanwhile may be lost."""
-        return self.network.failures != self._bus_failures or not self.network.healthy
+        return self.network.health.failures != self._bus_failures or not self.network.healthy
 
     def _give_up(self) -> None:
         """The owner stops the device meanwhile; a node that does not answer is stopped by NMT."""

@@ -683,7 +683,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
         fault.number: fault
         for fault in (
             GatewayFault(_F.NODE_LOST, "node lost", HEARTBEAT_ERROR, _B.NODE, _SUPPLY),
-            GatewayFault(_F.BUS_LOST, "CAN bus-off or CAN interface lost", BUS_OFF_RECOVERED, _B.BUS, _BUS),
+            GatewayFault(_F.BUS_LOST, "CAN bus lost", BUS_OFF_RECOVERED, _B.BUS, _BUS),
             GatewayFault(_F.PLC_LOST, "PLC lost", 0xFF01, _B.PLC, _FRAMES),
             GatewayFault(
                 _F.REFERENCE,

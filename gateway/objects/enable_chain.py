@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from pdgw.base.durations import SECOND
+from pdgw.ds301.bus.health import Outage
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
 from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
@@ -148,8 +149,9 @@ class _Chain:
     def check_node(self, offline: Reason) -> bool:
         """Bus and node; False if the device cannot be checked."""
         network, client = self.item.network, self.item.client
-        if not network.healthy:
-            self.breaks(Reason.BUS_LOST, f"bus {network.name}: bus-off, or its interface is lost")
+        if (outage := network.health.shown(network.loop.now())) is not None:
+            again = "" if outage is Outage.STAYS_OFF else "; the gateway connects again by itself"
+            self.breaks(Reason.BUS_LOST, f"bus {network.name}: {outage.value}", outage.remedy + again)
             return False
         self.passes(Enable.BUS)
         if self.item.good:

@@ -282,7 +282,8 @@ def _head(daemon: RunningGateway) -> dict[str, Any]:
                 "interface": bus.interface,
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
-                "healthy": daemon.networks[bus.name].healthy,
+                "healthy": (outage := daemon.networks[bus.name].health.shown(loop.now())) is None,
+                "outage": "" if outage is None else outage.value,
                 "unconfigured": daemon.networks[bus.name].unconfigured,
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }

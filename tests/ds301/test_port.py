@@ -56,7 +56,10 @@ def test_bus_of_an_ended_server_is_closed_once_without_a_message(monkeypatch: py
 @pytest.mark.parametrize(
     ("number", "text"),
     [
-        (errno.ENETDOWN, "Network is down; bring it up: sudo ip link set can1 up type can bitrate 500000"),
+        (
+            errno.ENETDOWN,
+            "Network is down; bring it up: sudo ip link set can1 up type can bitrate 500000 restart-ms 100",
+        ),
         (
             errno.EAFNOSUPPORT,
             "Address family not supported by protocol; load the kernel's CAN modules: sudo modprobe can-raw",

@@ -142,7 +142,7 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
     for note in document["notes"]:
         yield from _folded(note, width, 5, "  -> ")
     for bus in document["buses"]:
-        yield f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}"
+        yield f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}{bus.get('outage') and ': ' + bus['outage']}"
         if bus.get("sync"):
             yield from _sync(bus["sync"], width)
     yield ""

@@ -101,7 +101,7 @@ def test_repeated_losses_are_named_until_the_axis_operates_again() -> None:
 
 
 CAUSES = {
-    Enable.BUS: "fault 102: CAN bus-off or CAN interface lost",
+    Enable.BUS: "fault 102: CAN bus lost",
     Enable.NODE: "Not on the bus: node 1 on bus can sends no data in time",
     Enable.SUPPLY: "fault 122: drive acts without a command: left operation, shows Switch On Disabled",
     Enable.NO_FAULT: "fault 7: EMCY 2310h over-current",

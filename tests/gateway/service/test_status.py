@@ -339,7 +339,10 @@ def test_status_port_gives_the_events_after_a_number() -> None:
         (fault,) = [event for event in found if event["fault"] == 7]
         assert (fault["kind"], fault["do_id"]) == ("fault", 1)
         assert fault["text"].startswith("fault 7: ")
-        assert [event["text"] for event in found if event["kind"] == "bus"] == ["bus can: LOST", "bus can: healthy"]
+        assert [event["text"] for event in found if event["kind"] == "bus"] == [
+            "bus can: LOST: its interface is lost",
+            "bus can: healthy",
+        ]
         assert events(f"events {daemon.events.newest}") == []
         assert events("events 0") == events(f"events {daemon.events.newest + 1}"), "the clock was set back"
 

@@ -421,8 +421,8 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
     "the CAN adapter is unplugged, then the PLC is silent; both return": Situation(
         begin=both(BREAKERS[Enable.BUS], time_passes, be_silent, plug, find, speak),
         says=(
-            "Waits: ON ignored: CAN bus-off or CAN interface lost",
-            "check CAN cable, termination",
+            "Waits: ON ignored: CAN bus lost: bus can: its interface is lost",
+            "check the CAN interface, its plug and its driver",
             "; then OFF and ON",
         ),
         lacks=("PLC lost", "node lost"),

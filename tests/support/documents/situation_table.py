@@ -9,13 +9,14 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from tests.support.documents.device_situations import DEVICE_SITUATIONS
 from tests.support.documents.encoder_situations import ENCODER_SITUATIONS
+from tests.support.documents.night_situations import NIGHT_SITUATIONS
 from tests.support.documents.origin_situations import ORIGIN_SITUATIONS
 from tests.support.documents.parts import read_part, write_part
 from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS
 from tests.support.documents.situations import SITUATIONS, at_situation
 
 _PLACE = ("operation.md", "situations")
-ON_BOTH_LINKS = SITUATIONS | DEVICE_SITUATIONS | ENCODER_SITUATIONS | ORIGIN_SITUATIONS
+ON_BOTH_LINKS = SITUATIONS | DEVICE_SITUATIONS | ENCODER_SITUATIONS | ORIGIN_SITUATIONS | NIGHT_SITUATIONS
 BY_LINK = {"udp": ON_BOTH_LINKS | PLC_SITUATIONS, "profinet": ON_BOTH_LINKS | CONTROLLER_SITUATIONS}
 """All situations of each link, by what a technician finds."""
 _LIKE_OTHERS = {

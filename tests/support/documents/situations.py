@@ -304,7 +304,7 @@ _FAULT = ("Fault: EMCY 2310h over-current, since ", "short circuit", "then ackno
 SITUATIONS: dict[str, Situation] = {
     "the CAN adapter is unplugged": Situation(
         begin=BREAKERS[Enable.BUS],
-        says=("Not on the bus: bus can: bus-off, or its interface is lost", "check CAN cable"),
+        says=("Not on the bus: bus can: its interface is lost", "check the CAN interface"),
         lacks=("node 1",),
         cure=both(lambda _, daemon: world_of(daemon).unplug("world", False), online),
     ),

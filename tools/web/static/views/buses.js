@@ -18,7 +18,7 @@ function nodes(status, bus) {
 function one(status, bus) {
   const counters = status.counters.filter((item) => item.part === `bus ${bus.name}` || item.part.endsWith(` on ${bus.name}`));
   return html`<section>
-    <h3>${bus.name}: ${bus.healthy ? "healthy" : html`<strong class="bad">■ lost</strong>`}</h3>
+    <h3>${bus.name}: ${bus.healthy ? "healthy" : html`<strong class="bad">■ lost</strong>: ${bus.outage}`}</h3>
     <dl class="facts">
       <div><dt>Interface</dt><dd>${bus.interface} ${bus.channel ?? ""}</dd></div>
       <div><dt>Bit rate</dt><dd>${bus.bitrate ? withUnit(integer(bus.bitrate / 1000), "kbit/s") : DASH}</dd></div>
