@@ -76,6 +76,10 @@ class VirtualLoop(Loop):
     def run_for(self, duration: int) -> None:
         self.run_until(self._now + duration)
 
+    def pause(self, duration: int) -> None:
+        """Time passes and nothing runs, as while a machine is paused."""
+        self._now += duration
+
     def until(self, condition: Callable[[], object], what: str, limit: int = 10 * SECOND) -> None:
         """Run until a condition is true after an event; TimeoutError with ``what`` if it is not within ``limit``."""
         end = self._now + limit

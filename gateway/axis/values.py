@@ -116,7 +116,9 @@ class FaultRecord:
     is_bare: bool = False
     """The device shows a fault, and no code of it can be read."""
     by: By | None = None
-    """Who caused it, where the row of its number does not say so."""
+    """Who caused it, where the row of its number does not say so,"""
+    remedy: str = ""
+    """and what to do."""
 
     @property
     def of_device(self) -> bool:

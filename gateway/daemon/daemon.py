@@ -12,6 +12,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -25,6 +26,7 @@ from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValues
+from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.platform import Platform, SystemPlatform
 from pdgw.gateway.base.reasons import FaultNumber
@@ -34,6 +36,7 @@ from pdgw.gateway.configuration.bus_load import HEARTBEATS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.daemon.masters import LISTEN_NS, SameNodeId, watch_for_masters, watch_for_writes
+from pdgw.gateway.daemon.pause import Pause
 from pdgw.gateway.daemon.sync import SyncProducer
 from pdgw.gateway.links.cyclic import IDLE_NS
 from pdgw.gateway.links.link import Link, UdpLink
@@ -140,10 +143,14 @@ class Daemon:
             for index, item in enumerate(self.objects):
                 item.log_event = self.events.add
                 item.link_finding = partial(self.link.finding, index)
-                item.bus_cause = partial(self._same_ids[item.network.name].explains, item)
+                item.explain = partial(self._explained, item)
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
-        self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // HEARTBEATS
+        settings = [client.settings for client in self.clients]
+        self._heartbeat_ns = min(item.heartbeat_ms for item in settings) * MS // HEARTBEATS
+        limits = [limit for item in settings for limit in (item.heartbeat_limit_ns, item.tpdo_limit_ns)]
+        shortest = min(self.cycle_ns * transport.watchdog_factor, *limits)
+        self._pause = Pause(shortest, partial(self.events.add, "gateway", None))
         for bus in config.can:
             self._leave_room(bus)
         self._find_sync()
@@ -178,6 +185,14 @@ class Daemon:
             self.events.add("bus", None, text)
 
         return SameNodeId(network, report)
+
+    def _explained(self, item: DriveObject, record: FaultRecord) -> FaultRecord:
+        """A fault with what happened to the gateway, or on its bus, and led to it."""
+        if (explained := self._pause.explain(record)) is not None:
+            return explained
+        if cause := self._same_ids[item.network.name].explains(item, record):
+            return replace(record, text=f"{record.text.partition('; ')[0]}: {cause}")
+        return record
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""
@@ -496,6 +511,7 @@ class Daemon:
 
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
+        self._pause.cycle(self._deadline, now)
         if self._together:
             self._take(together=False)
         # A gateway that stops needs no PLC any more.

@@ -11,7 +11,6 @@ import logging
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
 from typing import Any, ClassVar
 
 from pdgw.ds301.bus.network import CanNetwork
@@ -70,8 +69,8 @@ class DriveObject(abc.ABC):
         """Checks the chain of enables (``enable_chain``)."""
         self.link_finding: Callable[[], Finding | None] = lambda: None
         """Why the PLC's frames do not count; None if they do, or if none come."""
-        self.bus_cause: Callable[[FaultRecord], str] = lambda _: ""
-        """What another device on the bus did that led to a fault, and the remedy; empty: nothing."""
+        self.explain: Callable[[FaultRecord], FaultRecord] = lambda record: record
+        """A fault with what led to it, if that is known."""
         self.supplied = False
         """The last step had setpoints of the PLC."""
         self.fresh = True
@@ -293,8 +292,7 @@ class DriveObject(abc.ABC):
         self.network.send(NMT, bytes((NmtCommand.RESET_NODE, self.node_id)))
 
     def _record(self, record: FaultRecord) -> None:
-        if cause := self.bus_cause(record):
-            record = replace(record, text=f"{record.text.partition('; ')[0]}: {cause}")
+        record = self.explain(record)
         self.fault_log.enter(record)
         self.origins.enter(record)
         kind = "warning" if record.is_warning else "fault"

@@ -63,8 +63,8 @@ class Origin:
     def of(cls, record: FaultRecord) -> Origin:
         """That of a fault; its text may end with a remedy."""
         fault, time = GATEWAY_FAULTS.get(record.number), record.time_ns
-        evidence, place = record.text, ""
-        if fault is None or fault.by is not By.PLC:
+        evidence, place = record.text, record.remedy
+        if not place and (fault is None or fault.by is not By.PLC):
             evidence, _, place = evidence.partition("; ")
         if fault is None:
             return cls(By.DRIVE, evidence, time, (place or emcy_remedy(record.code),), record.number, time, 1)

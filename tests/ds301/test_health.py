@@ -22,7 +22,7 @@ def test_a_queue_that_is_full_for_a_moment_does_not_count() -> None:
     assert (health.outage, health.failures) == (None, 0)
 
 
-def test_nobody_acknowledges_when_nothing_is_sent_or_received() -> None:
+def test_a_full_queue_without_received_frames_is_a_missing_acknowledge() -> None:
     health = BusHealth()
     health.error(1, bus_off=False)
     refuse(health, 1, BUSY_NS)

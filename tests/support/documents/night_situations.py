@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pdgw.base.durations import SECOND
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.tools.output.status_text import Health
+from tests.support.documents.origin_situations import find
 from tests.support.documents.situations import Situation, Step, both, online, run_out, words
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, drive_of, world_of
 
@@ -49,6 +51,13 @@ def _restart_interface(plc: Plc, daemon: Daemon) -> None:
     online(plc, daemon)
 
 
+def _pause(plc: Plc, daemon: Daemon) -> None:
+    """The machine of the gateway is paused for 4 s."""
+    world_of(daemon).loop.pause(4 * SECOND)
+    plc.until(lambda: not daemon.axes[0].released, "the stop")
+    find(plc, daemon)
+
+
 _DARK = ("bus can: no device on the bus acknowledges a frame", "Check the supply of the devices, then the CAN cable")
 NIGHT_SITUATIONS: dict[str, Situation] = {
     "all drives of the bus lose their supply": Situation(
@@ -70,6 +79,18 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         says=("Not on the bus: bus can: bus-off, and the interface does not restart", "restart-ms 100"),
         lacks=("by itself again", "connects again"),
         cure=_restart_interface,
+    ),
+    "the machine of the gateway is paused for some seconds in operation": Situation(
+        begin=_pause,
+        says=(
+            "Waits: ON ignored: ",
+            "the gateway did not run for 4 s (machine paused",
+            "Find what pauses or overloads the machine",
+            "; then OFF and ON",
+        ),
+        lacks=("TPDO", "cable", "no valid frame"),
+        health=Health.WARNING,
+        cure=_AGAIN,
     ),
 }
 """What a technician finds, over both links."""
