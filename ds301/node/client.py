@@ -401,7 +401,8 @@ class NodeClient(abc.ABC, Generic[S]):
         if status is NodeStatus.LOST:
             self._notify(Notice.BUS_LOST if self.bus_failed else Notice.LOST, text, self.loss)
         else:
-            self._notify(_NOTICES[status], f"{status.value}: {text}")
+            two = status is NodeStatus.REFUSED and self.sdo.doubles.proof
+            self._notify(Notice.TWO_DEVICES if two else _NOTICES[status], f"{status.value}: {text}")
 
     def _absent(self, text: str) -> None:
         if self.status is not NodeStatus.LOST:

@@ -72,6 +72,7 @@ class Notice(enum.Enum):
     EMERGENCY = "EMCY"
     BOOT = "boot-up during operation"
     REFUSED = "wrong device or configuration"
+    TWO_DEVICES = "two devices with its node-ID"
     SET_POINT_REFUSED = "data of a setpoint rejected"
     LOST = "lost after it was online"
     BUS_LOST = "CAN bus lost"

@@ -33,6 +33,9 @@ _REPEATS: Final = 2
 _REPEAT_AFTER: Final = 10
 """An urgent request is repeated after this fraction of its timeout."""
 
+DISCONNECT: Final = "disconnect the other one, or set another node-ID there"
+"""What to do with two devices that have one node-ID."""
+
 
 class SdoAccess:
     """Read and write the objects of a node, between ``open`` and ``close``. ``error_type`` is the package's error for an abort,
@@ -322,7 +325,7 @@ class SdoAccess:
         return self.error_type(
             f"node-ID {self._node_id}",
             f"two devices? {self.doubles.proof}",
-            f"one device with node-ID {self._node_id} on the bus: disconnect the other one, or set another node-ID there",
+            f"one device with node-ID {self._node_id} on the bus; {DISCONNECT}",
         )
 
     def _where(self, index: int, subindex: int) -> str:

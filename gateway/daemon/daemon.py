@@ -29,7 +29,7 @@ from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.platform import Platform, SystemPlatform
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.reasons import By, FaultNumber
 from pdgw.gateway.base.store import DeviceParameters, ParameterStore
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.bus_load import HEARTBEATS
@@ -114,7 +114,7 @@ class Daemon:
             for bus in config.can:
                 network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name, bus.node_id)
                 opened.callback(network.close)
-                network.log_event = partial(self.events.add, "bus", None)
+                network.log_event = partial(self._on_bus, network)
                 self.networks[bus.name] = network
             self._buses = tuple(self.networks.values())
             self._same_ids = {name: self._same_id(network) for name, network in self.networks.items()}
@@ -193,6 +193,14 @@ class Daemon:
         if cause := self._same_ids[item.network.name].explains(item, record):
             return replace(record, text=f"{record.text.partition('; ')[0]}: {cause}")
         return record
+
+    def _on_bus(self, network: CanNetwork, text: str) -> None:
+        """The bus is lost, for another reason, or back."""
+        self.events.add("bus", None, text)
+        if (outage := network.health.outage) is not None:
+            for item in self.objects:
+                if item.network is network:
+                    item.origins.prove(By.BUS, f"bus {network.name}: {outage.value}", outage.remedy, self.loop.now())
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""

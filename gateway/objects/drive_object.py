@@ -16,7 +16,8 @@ from typing import Any, ClassVar
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, NMT, PRODUCER_HEARTBEAT, NmtCommand
 from pdgw.ds301.node.client import NodeClient
-from pdgw.ds301.node.node import NodeNotice, NodeStatus
+from pdgw.ds301.node.node import NodeNotice, NodeStatus, Notice
+from pdgw.ds301.node.sdo import DISCONNECT
 from pdgw.gateway.axis.values import (
     Events,
     FaultRecord,
@@ -28,7 +29,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
     is_answer,
 )
-from pdgw.gateway.base.reasons import AxisState, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import AxisState, By, FaultNumber, Finding, Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.enable_status import EnableStatus, untimed
@@ -312,6 +313,8 @@ class DriveObject(abc.ABC):
     def on_node_event(self, notice: NodeNotice) -> None:
         """What has happened to the node; the next step processes it."""
         self._news.append(notice)
+        if notice.notice is Notice.TWO_DEVICES:
+            self.origins.prove(By.BUS, f"two devices had node-ID {self.node_id}", DISCONNECT, notice.time_ns)
         if (status := self.client.status) is not self._shown_status:
             self._shown_status = status
             self.log_event("node", self.do_id, f"node {self.node_id}: {status.value}", 0)

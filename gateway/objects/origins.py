@@ -45,6 +45,13 @@ def used_up(state: State, enter_ns: int, *, supply: bool) -> tuple[str, Remedy]:
     return f"the drive did not leave {state.value}{time} after ON: {lacks}", todo
 
 
+_SUSPECTED: Final = (FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED, FaultNumber.LEFT_OPERATION)
+_GUESSED: Final = (By.NODE, By.DRIVE)
+"""Losses with the first symptom as their cause, and not another master or the gateway."""
+PROOF_NS: Final = 2 * SECOND
+"""What is proven within this time of a guess replaces it."""
+
+
 @dataclass(slots=True)
 class Origin:
     """What began a stop. Times are monotonic nanoseconds."""
@@ -93,6 +100,8 @@ class Origins:
         self.severe: Origin | None = None
         """The first severe fault that is not acknowledged."""
         self._recalled = ""
+        self._proof: Origin | None = None
+        """What was proven last."""
 
     def recall(self, ended: str, before: str) -> None:
         """How the last gateway ended, and what it has kept with ``last``."""
@@ -128,6 +137,19 @@ class Origins:
             )
         ):
             self.present = Origin.of(record)
+            self._replace_guess()
+
+    def prove(self, by: By, evidence: str, remedy: str, now: int) -> None:
+        """What a loss really is was proven: this replaces the guess from its first symptom, which may be reported later."""
+        self._proof = Origin(by, evidence, now, remedy)
+        self._replace_guess()
+
+    def _replace_guess(self) -> None:
+        present, proof = self.present, self._proof
+        if present is None or proof is None or present.number not in _SUSPECTED or present.by not in _GUESSED:
+            return
+        if abs((present.last_ns or present.first_ns) - proof.first_ns) <= PROOF_NS:
+            present.by, present.evidence, present.remedy = proof.by, proof.evidence, proof.remedy
 
     def released(self, now: int) -> None:
         """The drive follows the PLC, and nothing of this cycle stops it."""

@@ -71,7 +71,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "no heartbeat": (_fault("heartbeat-stops"), 300, "no heartbeat for 300 ms"),
     "no TPDO": (_fault("lost-pdos", every=1), 200, "no TPDO"),
-    "bus": (_cut, 0, "CAN bus can failed"),
+    "bus": (_cut, 0, "bus can: its interface is lost"),
     "mode": (_wrong_mode, 0, "6061h shows 1"),
     "two devices": (_doubles, 0, "SDO requests are answered twice"),
 }

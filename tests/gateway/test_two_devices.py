@@ -223,6 +223,10 @@ def test_heartbeats_with_two_alternating_states_are_two_devices() -> None:
         _beat(plc, _second(daemon), repeat(PRE_OPERATIONAL))
         plc.until(lambda: client.status is NodeStatus.REFUSED, "refused")
         assert "two devices? heartbeats show two NMT states" in client.status_text
+        _run(plc, 0.1)
+        origin = daemon.axes[0].origins.present
+        assert origin is not None
+        assert origin.evidence == "two devices had node-ID 1", "and not the node that has left Operational by itself"
 
 
 @pytest.mark.parametrize("states", [repeat(b"\0"), cycle([PRE_OPERATIONAL, OPERATIONAL, b"\0"])])

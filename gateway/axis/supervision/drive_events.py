@@ -60,6 +60,7 @@ _FAULTS: Final = {
 """Notices that are a fault each time."""
 _BY: Final = {None: None, Loss.OWN_STOP: By.GATEWAY, Loss.OTHER_MASTER: By.OTHER_MASTER}
 _RESTARTING: Final = (Notice.BOOT, Notice.LOST, Notice.BUS_LOST)
+_REJECTIONS: Final = (Notice.REFUSED, Notice.TWO_DEVICES)
 _LOCAL: Final = "switch off what enables the drive: its panel, another tool, or enable at power-on"
 _BELOW: Final = (
     State.NOT_READY_TO_SWITCH_ON,
@@ -162,7 +163,7 @@ class NodeWatch:
             self._log("restarts, as commanded: " + notice.text)
         elif what in _FAULTS:
             self._raise(_FAULTS[what], notice)
-        elif what is Notice.REFUSED:
+        elif what in _REJECTIONS:
             # Repeated every few seconds: the same rejection is one fault.
             if notice.text != self._refusal:
                 self._refusal = notice.text

@@ -8,15 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.base.durations import MS
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import NmtCommand
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
+from pdgw.gateway.axis.values import gateway_fault
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_status import EnableStatus
+from pdgw.gateway.objects.origins import PROOF_NS, Origins
 from pdgw.gateway.service.last_words import LastWords, kept_last_words
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive.model.model import DriveModel
@@ -356,3 +358,49 @@ def test_fault_acknowledged_while_on_stays_needs_an_off_and_an_on() -> None:
         text = " ".join("\n".join(status_lines(snapshot(daemon))).split())
         assert "ON ignored: EMCY 2310h over-current" in text
         assert "a blocked axis; then OFF and ON." in text
+
+
+# -- a proof replaces the guess -----------------------------------------------------------------------------------
+
+
+def guessed(number: FaultNumber, by: By | None = None) -> Origins:
+    origins = Origins(0)
+    origins.released(1)
+    origins.enter(gateway_fault(number, "first symptom", SECOND, by))
+    return origins
+
+
+def prove(origins: Origins, after_ns: int) -> str:
+    origins.prove(By.BUS, "what it was", "what to do", SECOND + after_ns)
+    assert origins.present is not None
+    return origins.present.evidence
+
+
+GUESSES = [FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED, FaultNumber.LEFT_OPERATION]
+
+
+@pytest.mark.parametrize("number", GUESSES)
+def test_a_proof_shortly_after_a_loss_replaces_its_first_symptom(number: FaultNumber) -> None:
+    origins = guessed(number)
+    assert prove(origins, PROOF_NS) == "what it was"
+    assert origins.present is not None
+    assert (origins.present.number, origins.present.by, origins.present.first_ns) == (number, By.BUS, SECOND)
+
+
+def test_a_proof_that_comes_before_the_report_of_the_loss_replaces_it_too() -> None:
+    origins = Origins(0)
+    origins.released(1)
+    origins.prove(By.BUS, "what it was", "what to do", SECOND - 1)
+    origins.enter(gateway_fault(FaultNumber.NODE_LOST, "first symptom", SECOND))
+    assert origins.present is not None
+    assert (origins.present.evidence, origins.present.remedy) == ("what it was", "what to do")
+
+
+@pytest.mark.parametrize("by", [By.OTHER_MASTER, By.GATEWAY])
+def test_a_cause_that_is_known_stays(by: By) -> None:
+    assert "first symptom" in prove(guessed(FaultNumber.NODE_LOST, by), 0)
+
+
+def test_other_faults_and_losses_long_ago_stay() -> None:
+    assert "first symptom" in prove(guessed(FaultNumber.STOP_IGNORED), 0)
+    assert "first symptom" in prove(guessed(FaultNumber.NODE_LOST), PROOF_NS + 1)

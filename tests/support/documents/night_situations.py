@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pdgw.base.durations import SECOND
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.origin_situations import find
@@ -58,6 +59,15 @@ def _pause(plc: Plc, daemon: Daemon) -> None:
     find(plc, daemon)
 
 
+def _second_device(plc: Plc, daemon: Daemon) -> None:
+    """A spare drive with the same node-ID is plugged in, and out again."""
+    spare = world_of(daemon).drive("world", 1)
+    plc.until(lambda: daemon.axes[0].client.status is NodeStatus.REFUSED, "the proof")
+    spare.node.power_off()
+    run_out(plc, 10 * SECOND)
+    find(plc, daemon)
+
+
 _DARK = ("bus can: no device on the bus acknowledges a frame", "Check the supply of the devices, then the CAN cable")
 NIGHT_SITUATIONS: dict[str, Situation] = {
     "all drives of the bus lose their supply": Situation(
@@ -79,6 +89,20 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         says=("Not on the bus: bus can: bus-off, and the interface does not restart", "restart-ms 100"),
         lacks=("by itself again", "connects again"),
         cure=_restart_interface,
+    ),
+    "all drives lost their supply for a moment while the PLC keeps ON": Situation(
+        begin=both(_darken, _wait(2), lambda _, daemon: drive_of(daemon).node.restart(), find),
+        says=("Waits: ON ignored: ", "no device on the bus acknowledges a frame", "; then OFF and ON"),
+        lacks=("bus-off", "interface", "adapter"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "a second device with the node-ID of the drive was plugged in, and out again, while the PLC keeps ON": Situation(
+        begin=_second_device,
+        says=("Waits: ON ignored: two devices had node-ID 1", "Disconnect the other", "; then OFF and ON"),
+        lacks=("plug, cable", "1029h", "EMCY", "boot-up"),
+        health=Health.WARNING,
+        cure=_AGAIN,
     ),
     "the machine of the gateway is paused for some seconds in operation": Situation(
         begin=_pause,
