@@ -344,6 +344,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """Another master has changed what the gateway relies on: the node is lost, and configured again."""
         self.unconfirmed = text
         if self.status is _ONLINE:
+            self.loss = Loss.OTHER_TOOL
             self._lose(text)
 
     def _apply_times(self) -> None:
@@ -655,7 +656,8 @@ class NodeClient(abc.ABC, Generic[S]):
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
         self._bus_failures = self.network.health.failures
-        if self.unconfirmed:  # another master wrote during the bring-up
+        if self.unconfirmed:  # another tool wrote during the bring-up
+            self.loss = Loss.OTHER_TOOL
             self._lose(self.unconfirmed)
         self.network.watch(self._monitor)
         try:

@@ -32,6 +32,7 @@ class Loss(enum.Enum):
 
     OWN_STOP = "NMT stop by its owner"
     OTHER_MASTER = "NMT command of another master"
+    OTHER_TOOL = "SDO write of another tool"
 
 
 @dataclass(frozen=True, slots=True)

@@ -131,10 +131,10 @@ class FaultRecord:
         return not self.is_bare and self.code not in CANOPEN_ERRORS
 
 
-def gateway_fault(number: FaultNumber, detail: str, now: int, by: By | None = None) -> FaultRecord:
+def gateway_fault(number: FaultNumber, detail: str, now: int, by: By | None = None, remedy: str = "") -> FaultRecord:
     """A fault of the gateway's own table."""
     fault = GATEWAY_FAULTS[number]
-    return FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning, by=by)
+    return FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning, by=by, remedy=remedy)
 
 
 class EncoderInput(Protocol):

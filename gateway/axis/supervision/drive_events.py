@@ -58,7 +58,14 @@ _FAULTS: Final = {
     Notice.BUS_LOST: FaultNumber.BUS_LOST,
 }
 """Notices that are a fault each time."""
-_BY: Final = {None: None, Loss.OWN_STOP: By.GATEWAY, Loss.OTHER_MASTER: By.OTHER_MASTER}
+_BY: Final = {
+    None: None,
+    Loss.OWN_STOP: By.GATEWAY,
+    Loss.OTHER_MASTER: By.OTHER_MASTER,
+    Loss.OTHER_TOOL: By.OTHER_MASTER,
+}
+_REMEDIES: Final = {Loss.OTHER_TOOL: "disconnect the other tool, or have it only read"}
+"""What to do about those who cause a loss, where the text of the notice does not say so."""
 _RESTARTING: Final = (Notice.BOOT, Notice.LOST, Notice.BUS_LOST)
 _REJECTIONS: Final = (Notice.REFUSED, Notice.TWO_DEVICES)
 _LOCAL: Final = "switch off what enables the drive: its panel, another tool, or enable at power-on"
@@ -184,7 +191,10 @@ class NodeWatch:
         self._outputs.happened().log_lines.append(f"node {text}")
 
     def _raise(self, number: FaultNumber, notice: NodeNotice) -> None:
-        self._outputs.fault(gateway_fault(number, notice.text, notice.time_ns, _BY[notice.by]))
+        by = notice.by
+        self._outputs.fault(
+            gateway_fault(number, notice.text, notice.time_ns, _BY[by], "" if by is None else _REMEDIES.get(by, ""))
+        )
 
     def set_error_code(self, code: int) -> None:
         """An error code of the drive, by EMCY or read."""

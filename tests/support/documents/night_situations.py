@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pdgw.base.durations import SECOND
+from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.tools.output.status_text import Health
@@ -68,6 +69,14 @@ def _second_device(plc: Plc, daemon: Daemon) -> None:
     find(plc, daemon)
 
 
+def _write_from_elsewhere(plc: Plc, daemon: Daemon) -> None:
+    """The software of the drive's maker writes the producer heartbeat time, 1017h."""
+    request = bytes.fromhex("2b1710006400") + bytes(2)
+    world_of(daemon).bus("world").join("another tool").send(SDO_REQUEST + 1, request)
+    plc.until(lambda: not daemon.axes[0].good, "the check")
+    find(plc, daemon)
+
+
 _DARK = ("bus can: no device on the bus acknowledges a frame", "Check the supply of the devices, then the CAN cable")
 NIGHT_SITUATIONS: dict[str, Situation] = {
     "all drives of the bus lose their supply": Situation(
@@ -101,6 +110,13 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         begin=_second_device,
         says=("Waits: ON ignored: two devices had node-ID 1", "Disconnect the other", "; then OFF and ON"),
         lacks=("plug, cable", "1029h", "EMCY", "boot-up"),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
+    "the software of the drive's maker writes 1017h in operation": Situation(
+        begin=_write_from_elsewhere,
+        says=("Waits: ON ignored: node lost: another tool writes 1017h/0", "Disconnect the other tool", "OFF and ON"),
+        lacks=("plug, cable",),
         health=Health.WARNING,
         cure=_AGAIN,
     ),
