@@ -143,6 +143,8 @@ class AxisMachine:
         """A setpoint came inside the standstill window, or operation began, and the shaft has not been at standstill since."""
         self._late = False
         """The drive does not follow an order in time."""
+        self.lags_since = 0
+        """Since when the axis does not follow its speed setpoint; 0 while it does."""
         self.units_contradicted = False
         """Its speed contradicts its units, which count as unknown until an acknowledgement."""
         self._follows_speed = kind in (Kind.SPEED, Kind.LOAD, Kind.TORQUE)
@@ -185,11 +187,6 @@ class AxisMachine:
         self._node = other._node
         self._node.report_to(self.outputs)
         self.units_contradicted = other.units_contradicted
-
-    @property
-    def lags_since(self) -> int:
-        """Since when the axis does not follow its speed setpoint; 0 while it does."""
-        return self._check.lags_since(self.inputs.now)
 
     @property
     def enters_since(self) -> int:
@@ -319,12 +316,15 @@ class AxisMachine:
                 self.executor.speeds(), velocity, feedback.position_actual, inputs.position_ns, now
             )
             self._order = self._order_in_operation(command)
-            self._late = self._stop.late or (self._check.apart and self.lags_since != 0)
+            self._late = self._stop.late or self._check.is_late(now)
+            self.lags_since = self._check.lags_since(now)
             if self._evidence.warning:
                 self._evidence.step()
             if found is not None:
                 self.units_contradicted = found[0] is FaultNumber.VELOCITY
                 outputs.found.append(found)
+        elif self.lags_since and not (known and operating):
+            self.lags_since = 0
         shown = statusword & STATE_MASK if inputs.drive_ok else 0
         if shown != drive.shown:
             drive.changed(self._node, shown, statusword, commanded, self.interlock, now)

@@ -49,6 +49,7 @@ class Axis(DriveObject):
     """A drive object (DO) with a drive."""
 
     kind: ClassVar[str] = "axis"
+    warning_word: ClassVar[str] = "Statusword.7 = 1"
 
     def __init__(
         self,
@@ -87,6 +88,8 @@ class Axis(DriveObject):
         """When a fault reset was sent to the drive last."""
         self._probe = ProbeReader(self.drive, self._news)
         self._probing = False
+        self._warning = self._lags_since = 0
+        """P953, and ``AxisMachine.lags_since``, after the last step."""
         self._sound_until = 0
         """When it was not in fault last."""
 
@@ -163,13 +166,25 @@ class Axis(DriveObject):
             self._serve(outputs)
             if events is not None and events.read_fault:
                 drive.submit(self._read_fault)
-        origins = self.origins
-        if outputs.released:
-            if origins.present is not None:
-                origins.released(now)
-        elif origins.present is None:
-            origins.present = self._origin(now)
+        if outputs.warning != self._warning or machine.lags_since != self._lags_since:
+            self._watch(outputs.warning, machine.lags_since)
+        if outputs.released is not (self.origins.present is None):
+            self._turn_origin(outputs, now)
         return outputs
+
+    def _watch(self, warning: int, lags_since: int) -> None:
+        """The warnings or the lag of the axis have changed."""
+        self._watch_warning(warning)
+        if lags_since and lags_since != self._lags_since:
+            self._log_warning("does not follow its setpoint")
+        self._warning, self._lags_since = warning, lags_since
+
+    def _turn_origin(self, outputs: Outputs, now: int) -> None:
+        """The drive follows the PLC again, or something has begun a stop."""
+        if outputs.released:
+            self.origins.released(now)
+        else:
+            self.origins.present = self._origin(now)
 
     def _origin(self, now: int) -> Origin:
         """That of the stop of this step, if no fault of it is reported."""

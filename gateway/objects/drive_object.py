@@ -29,7 +29,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
     is_answer,
 )
-from pdgw.gateway.base.reasons import AxisState, By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, By, FaultNumber, Finding, Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.enable_status import EnableStatus, untimed
@@ -49,6 +49,8 @@ class DriveObject(abc.ABC):
 
     kind: ClassVar[str]
     """``axis`` or ``encoder``, in the log."""
+    warning_word: ClassVar[str]
+    """Where the device shows a warning."""
     telegram_numbers: tuple[int, ...]
     """Telegrams that P922 can select."""
 
@@ -86,6 +88,8 @@ class DriveObject(abc.ABC):
         """Whether it was in operation then."""
         self._logged_state: tuple[AxisState, Reason | None] | None = None
         self._shown_status: NodeStatus | None = None
+        self._warned = False
+        """The device showed a warning in the last step."""
         self.happenings: deque[Happening] = deque(maxlen=KEPT)
         """Faults, warnings and reasons, the oldest first."""
         self.gateway_stops = False
@@ -244,6 +248,20 @@ class DriveObject(abc.ABC):
             self._shown_reason = shown
             cause = {"event": "reason", "do": self.do_id, "reason": "" if shown is None else shown.name}
             log.info("%s: %s", self.label, enable_status.sentence, extra=cause)
+
+    def _watch_warning(self, warning: int) -> None:
+        """Log the begin of a warning that the device shows. ``warning``: P953."""
+        warned = warning & DEVICE_WARNING != 0
+        if warned is not self._warned:
+            self._warned = warned
+            if warned:
+                self._log_warning(f"the device shows a warning ({self.warning_word})")
+
+    def _log_warning(self, text: str) -> None:
+        """Log what stops nothing."""
+        self._happened(text)
+        self.log_event("warning", self.do_id, text, 0)
+        log.info("%s: %s", self.label, text, extra={"event": "warning", "do": self.do_id})
 
     def log_state(self, status: EnableStatus) -> None:
         """Log the event of another state or reason. A cycle without news does not see all of them; the next status does."""

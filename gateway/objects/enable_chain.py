@@ -474,8 +474,16 @@ def device_warning(item: DriveObject) -> str:
             return f"warning {record.number}: {record.text}"
     if not item.outputs.warning & DEVICE_WARNING:
         return ""
-    bit = "Statusword.7 = 1" if item.kind == "axis" else "6505h"
-    return f"warning of the device ({bit}) without an EMCY: see its manual"
+    return f"warning of the device ({item.warning_word}) without an EMCY: see its manual"
+
+
+def lag_text(axis: Axis) -> str:
+    """That an axis in operation does not follow its setpoint; empty if it follows."""
+    lags = axis.machine.lags_since
+    if not lags or axis.machine.outputs.reason is not None:
+        return ""
+    since = clock(lags, axis.network.loop)
+    return f"does not follow its setpoint since {since}: check brake, torque limit and mechanics"
 
 
 def notes(axis: Axis) -> list[str]:
@@ -497,9 +505,8 @@ def notes(axis: Axis) -> list[str]:
             found.append(
                 f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
             )
-    if axis.machine.outputs.reason is None and (lags := axis.machine.lags_since):
-        text = f"does not follow its setpoint since {clock(lags, axis.network.loop)}"
-        found.append(f"{text}: check brake, torque limit and mechanics")
+    if lags := lag_text(axis):
+        found.append(lags)
     found += _sensor_notes(axis)
     if axis.machine.executor.range_note:
         found.append(axis.machine.executor.range_note)

@@ -102,6 +102,7 @@ class EncoderObject(DriveObject):
     """A drive object (DO) with one channel of an encoder."""
 
     kind: ClassVar[str] = "encoder"
+    warning_word: ClassVar[str] = "6505h"
 
     def __init__(self, config: EncoderConfig, node: EncoderNode, number: int, tolerance: int = MONITORING_OFF) -> None:
         super().__init__(config.do_id, node.client.network, telegram(number))
@@ -146,6 +147,7 @@ class EncoderObject(DriveObject):
         outputs = machine.step()
         if outputs.events is not None or outputs.writes is not None or outputs.reason is not self._reported_reason:
             self._serve(outputs)
+        self._watch_warning(outputs.warning)
         if self.origins.present is not None and self.fault_log.acknowledged and not machine.in_error:
             self.origins.released(now)
         return outputs

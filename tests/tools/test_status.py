@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from pdgw.gateway.base.reasons import AxisState
+from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
 from pdgw.profidrive.signal_text import texts
@@ -17,7 +19,18 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.gateway.status import status
 from pdgw.tools.output.status_text import Health, check_line, duration, object_lines, status_lines
 from tests.support.cli import pdgw
-from tests.support.gateways.daemon import OFF, SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, until
+from tests.support.gateways.daemon import (
+    OFF,
+    SIMULATED_POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    encoder_of,
+    operating,
+    running,
+    until,
+)
 from tests.support.processes import free_tcp_port
 
 
@@ -175,6 +188,35 @@ def test_the_worst_comes_first_and_everything_is_in_one_line(well_document: dict
     assert line.startswith("CRITICAL - pdgw: no PLC; bus can0 lost; axis 1: a warning of two lines |")
     assert check_line(with_axis(well_document, faults=[warning]))[0] == Health.WARNING
     assert check_line(with_axis(well_document, faults=[warning | {"active": False}]))[0] == Health.OK
+
+
+def test_a_warning_bit_of_a_drive_is_a_warning_and_an_event() -> None:
+    with operating() as (daemon, plc):
+        assert check_line(snapshot(daemon))[0] is Health.OK
+        drive_of(daemon).node.start_fault("warning-bit")
+        judge_warning(daemon, plc, "Statusword.7 = 1")
+
+
+def test_a_warning_of_an_encoder_is_a_warning_and_an_event() -> None:
+    encoder = "[[encoder]]\ndo_id = 1\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
+    with running(configuration(encoder)) as daemon:
+        plc = Plc(daemon, [81])
+        plc.endpoint.set(0, {"STW2_ENC": 0x400})
+        plc.until(lambda: daemon.encoders[0].enable_status.state is AxisState.OBEYS, "in operation")
+        encoder_of(daemon).node.start_fault("battery")
+        judge_warning(daemon, plc, "6505h")
+
+
+def judge_warning(daemon: Daemon, plc: Plc, word: str) -> None:
+    """Both devices show the warning without an EMCY."""
+    begin = daemon.events.newest
+    plc.until(lambda: daemon.objects[0].outputs.warning, "the warning")
+    plc.exchange(60)
+    health, line = check_line(snapshot(daemon))
+    assert health is Health.WARNING
+    assert f"1: warning of the device ({word})" in line
+    events = [event.text for event in daemon.events.after(begin) if event.kind == "warning"]
+    assert events == [f"the device shows a warning ({word})"]
 
 
 def test_a_drive_in_fault_is_critical() -> None:

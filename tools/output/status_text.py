@@ -56,8 +56,12 @@ def findings(document: dict[str, Any]) -> list[Finding]:
         found.append(Finding(health, cause_sentence(cause)))
         stopped.update(cause["objects"])
     for item in (*document["axes"], *document["encoders"]):
-        if item["do_id"] not in stopped and any(fault["active"] for fault in item["faults"]):
-            found.append(Finding(Health.WARNING, f"{item['label']}: {item['faults'][0]['text']}"))
+        if item["do_id"] in stopped:
+            continue
+        texts = [fault["text"] for fault in item["faults"] if fault["active"]] or [item["warning"]]
+        found += [
+            Finding(Health.WARNING, f"{item['label']}: {text}") for text in (*texts, item.get("lags", "")) if text
+        ]
     return sorted(found, key=lambda finding: -finding.health)
 
 

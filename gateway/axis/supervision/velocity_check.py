@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.base.durations import MS, SECONDS_PER_MINUTE
+from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.dsp402.drive_type import Quantity, Scaling
 from pdgw.gateway.axis.supervision.growth import Growth
 from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, Difference, PositionSpeed
@@ -29,6 +29,8 @@ _TOLERANCE: Final = 0.05
 """A speed that differs from its setpoint by this share follows it."""
 _RAMP_MARGIN: Final = 2
 """Factor on the stop time for a slower setpoint."""
+_LAG_NS: Final = SECOND
+"""A drive that follows its setpoint comes closer to it within this time."""
 
 
 class VelocityCheck:
@@ -78,7 +80,11 @@ class VelocityCheck:
 
     def lags_since(self, now: int) -> int:
         """Since when the speed has not approached a setpoint that it does not have; 0 while it follows."""
-        return self._apart_at if self.apart and now - self._apart_at > _RAMP_MARGIN * self._stop_time else 0
+        return self._apart_at if self.apart and now - self._apart_at > _LAG_NS else 0
+
+    def is_late(self, now: int) -> bool:
+        """It has not approached it for longer than any ramp takes."""
+        return self.apart and now - self._apart_at > _RAMP_MARGIN * self._stop_time
 
     def is_due(self, operating: bool, velocity: int, now: int) -> bool:
         """Call in each cycle. True if ``step`` has to be called in it. ``operating``: the drive follows the PLC."""

@@ -22,7 +22,7 @@ from pdgw.gateway.objects.origins import PROOF_NS, Origins
 from pdgw.gateway.service.last_words import LastWords, kept_last_words
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive.model.model import DriveModel
-from pdgw.tools.output.status_text import status_lines
+from pdgw.tools.output.status_text import Health, check_line, status_lines
 from tests.conformance.rig import COMPLETE
 from tests.support.documents.origin_situations import (
     command,
@@ -319,9 +319,9 @@ def test_line_of_an_axis_has_its_setpoint_and_a_note_if_it_does_not_follow() -> 
         run_out(plc)
         drive_of(daemon).model.disguises.append(blocked)
         plc.endpoint.set(0, {"NSOLL_A": 0x1000})
-        run_out(plc, 100 * MS)
+        run_out(plc, 900 * MS)
         assert snapshot(daemon)["axes"][0]["notes"] == [], "its ramp has time"
-        run_out(plc, 2 * daemon.axes[0].config.stop_time_ms * MS)
+        run_out(plc, 200 * MS)
         document = snapshot(daemon)
         (note,) = document["axes"][0]["notes"]
         assert re.fullmatch(
@@ -329,6 +329,15 @@ def test_line_of_an_axis_has_its_setpoint_and_a_note_if_it_does_not_follow() -> 
         )
         assert any("0 of 750 rpm, does not follow)" in line for line in status_lines(document, 400))
         assert status_of(daemon).state is AxisState.OBEYS
+        health, line = check_line(document)
+        assert health is Health.WARNING
+        assert "axis 1: does not follow its setpoint since" in line
+        assert [event.text for event in daemon.events.after(0) if event.kind == "warning"] == [
+            "does not follow its setpoint"
+        ]
+        drive_of(daemon).model.disguises.clear()
+        run_out(plc)
+        assert check_line(snapshot(daemon))[0] is Health.OK
 
 
 def test_every_gateway_fault_names_its_author_and_remedy() -> None:
