@@ -345,6 +345,12 @@ class Daemon:
         found = {str(item.do_id): item.origins.last(self.loop) for item in self.objects}
         return {do_id: text for do_id, text in found.items() if text}
 
+    def last_event(self) -> str:
+        """The newest event, with its drive object."""
+        event = self.events.last
+        item = next((item for item in self.objects if item.do_id == event.do_id), None)
+        return f"{item.label}: {event.text}" if item is not None else event.text
+
     def update_store(self, change: Callable[[DeviceParameters], None]) -> None:
         """Change stored parameters, in a task: saved first, then in force. GatewayError when the file cannot be written."""
         self.loop.result(self.loop.offload(lambda: self.store.update(change)))

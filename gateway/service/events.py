@@ -43,6 +43,11 @@ class EventLog:
         self.newest += 1
         self._events.append(Event(self.newest, self._wall(), kind, do_id, text, fault))
 
+    @property
+    def last(self) -> Event:
+        """The newest one; there is one from the start on."""
+        return self._events[-1]
+
     def after(self, number: int) -> list[Event]:
         """Events with a higher number, the oldest first. A number of the future gets all: the clock was set back."""
         return [event for event in self._events if event.number > number or number > self.newest]

@@ -233,7 +233,8 @@ def test_origins_of_a_gateway_that_is_killed_are_kept(monkeypatch: pytest.Monkey
         lose(plc, daemon)
         run_out(plc)
         killed = LastWords(4242)
-        assert (killed.text, list(killed.origins)) == ("", ["1"])
+        assert "the last one was killed or has crashed" in killed.text
+        assert list(killed.origins) == ["1"]
         assert killed.origins["1"].startswith("node lost: silent")
         with kept_last_words(4242):
             assert LastWords(4242).origins == killed.origins, "the next one is killed before it has looked"

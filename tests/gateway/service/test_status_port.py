@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import socket
 from collections.abc import Iterator
 from contextlib import closing
@@ -14,10 +15,11 @@ import pytest
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service import status as status_module
-from pdgw.gateway.service.last_words import kept_last_words, last_words
+from pdgw.gateway.service.last_words import LastWords, kept_last_words, last_words
 from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.service.status_client import fetch
 from pdgw.tools.output.status_text import Health
@@ -147,6 +149,38 @@ def test_start_deletes_the_words_of_the_gateway_before(port: int) -> None:
         raise GatewayError(OTHER_MASTER)
     with kept_last_words(port):
         assert last_words(port) == ""
+
+
+def test_a_killed_gateway_is_reported_with_its_last_event(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, words = VirtualLoop(), LastWords(port)
+    words.keep(loop, dict, lambda: "axis 1: In operation")
+    loop.run_for(1)
+    assert last_words(port) == "", "it runs"
+
+    def is_gone(_process: int, _signal: int) -> None:
+        raise ProcessLookupError
+
+    monkeypatch.setattr(os, "kill", is_gone)
+    with pytest.raises(GatewayError, match="no gateway answers") as asked:
+        fetch(port)
+    assert "the last one was killed or has crashed, its last sign of life was on 20" in str(asked.value)
+    assert str(asked.value).endswith("; its last event: axis 1: In operation")
+
+
+def test_a_running_gateway_leaves_a_sign_of_life_every_five_seconds(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[str] = []
+    loop, words = VirtualLoop(), LastWords(port)
+    monkeypatch.setattr(words, "write", lambda *values: written.append(values))
+    words.keep(loop, dict, lambda: "the same event")
+    loop.run_for(60 * SECOND)
+    assert len(written) == 13
+
+
+def test_the_next_gateway_with_the_same_process_number_knows_that_the_last_one_was_killed(port: int) -> None:
+    """In a container each gateway has process 1."""
+    LastWords(port).write("", {})
+    assert last_words(port) == "", "a process with this number exists"
+    assert "killed or has crashed" in LastWords(port).text
 
 
 def test_words_of_another_port_are_not_shown(port: int) -> None:

@@ -152,7 +152,7 @@ def run(
         daemon.file = read
         at_end.callback(daemon.release)
         daemon.recall(words.text, words.origins)
-        words.keep(daemon.loop, daemon.origins)
+        words.keep(daemon.loop, daemon.origins, daemon.last_event)
         run_log.count_in(daemon.loop.counters)
         if record is not None:
             from pdgw.tools.recording.recorder import Recording
