@@ -268,11 +268,18 @@ class Axis(DriveObject):
         super()._record(record)
 
     @property
+    def acknowledged_in_vain(self) -> bool:
+        """The drive got a fault reset since its fault began."""
+        return self.acknowledged_at > self.machine.fault_began
+
+    @property
     def cause(self) -> ReportedFault | None:
         origin = super().cause
         if state_of(self.drive.feedback.statusword) not in FAULTY:
             return origin
         own = self.fault_log.of_device(self.machine.fault_began - EMERGENCY_PATIENCE_NS)
+        if own is not None and self.acknowledged_in_vain:
+            return own  # what it follows from is over
         present = self.origins.present
         follows = present is not None and present.number in GATEWAY_FAULTS
         return origin if follows and (own is None or not own.record.is_explained) else own

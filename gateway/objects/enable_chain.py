@@ -12,6 +12,7 @@ from typing import Final
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.bus.health import Outage
+from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
 from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
@@ -53,6 +54,11 @@ from pdgw.profidrive.words import unswapped
 _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
 )
+_CONSUMER: Final = (
+    "the heartbeat consumer of the drive (1016h) stays in error (8130h), although the gateway sends its heartbeat",
+    ("restart the node (P972, or power off and on), which arms the consumer again",),
+)
+"""A fault of a drive that acknowledging does not end, and its remedy."""
 _ENTERS: Final = (
     "if it takes longer than {:g} s (enter_ms), check the brake, safe torque off (STO) and the enable input"
 )
@@ -278,6 +284,13 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     again = asks and not axis.released
     if state in FAULTY:
         origin = Origin.of(cause.record) if (cause := axis.cause) is not None else None
+        if (
+            cause is not None
+            and origin is not None
+            and cause.record.code == HEARTBEAT_ERROR
+            and axis.acknowledged_in_vain
+        ):
+            origin.evidence, origin.remedy = _CONSUMER
         chain.breaks(Reason.DRIVE_FAULT, *_fault_and(axis, origin, _acknowledge(axis)))
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
@@ -433,8 +446,9 @@ def _acknowledge(axis: Axis) -> Acknowledge:
     if machine.acknowledgement.pending:
         return Acknowledge(f"{name}.7", f"{name}.10", Hindrance.PENDING)
     no_control = machine.inputs.setpoints is not None and not machine.demand.in_control
-    in_vain = axis.acknowledged_at > machine.fault_began
-    hindrance = _hindrance(no_control, in_vain, word & ControlBit.FAULT_RESET, machine.adapter.unheard)
+    hindrance = _hindrance(
+        no_control, axis.acknowledged_in_vain, word & ControlBit.FAULT_RESET, machine.adapter.unheard
+    )
     return Acknowledge(f"{name}.7", f"{name}.10", hindrance)
 
 

@@ -7,8 +7,8 @@ from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.tools.output.status_text import Health
-from tests.support.documents.origin_situations import find
-from tests.support.documents.situations import Situation, Step, both, online, run_out, words
+from tests.support.documents.origin_situations import find, miss
+from tests.support.documents.situations import Situation, Step, acknowledge, both, online, run_out, words
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, drive_of, world_of
 
 _AGAIN = words((OFF, {}), (ON, {}))
@@ -44,6 +44,24 @@ def _short(restart_ns: int | None) -> Step:
         world_of(daemon).bus("world").short(False)
 
     return step
+
+
+def _trip_consumer(plc: Plc, daemon: Daemon) -> None:
+    """A short circuit, in which the heartbeat consumer of the drive trips; it stays in error until the drive restarts."""
+    world_of(daemon).bus("world").short(True)
+    run_out(plc, SECOND // 4)
+    drive_of(daemon).inject("CANopen")
+    run_out(plc, SECOND // 4)
+    world_of(daemon).bus("world").short(False)
+    find(plc, daemon)
+
+
+def _restart_drive(plc: Plc, daemon: Daemon) -> None:
+    """P972, then an acknowledge."""
+    drive_of(daemon).clear()
+    daemon.objects[0].reset_node()
+    miss(plc, daemon)
+    acknowledge(plc, daemon)
 
 
 def _restart_interface(plc: Plc, daemon: Daemon) -> None:
@@ -105,6 +123,12 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         lacks=("bus-off", "interface", "adapter"),
         health=Health.WARNING,
         cure=_AGAIN,
+    ),
+    "after a short circuit of the bus the heartbeat consumer of the drive stays in error": Situation(
+        begin=both(_trip_consumer, words((OFF, {}), (OFF | 0x80, {}))),
+        says=("Fault: the heartbeat consumer of the drive (1016h) stays in error (8130h)", "Restart the node (P972"),
+        lacks=("bus-off", "short circuit"),
+        cure=_restart_drive,
     ),
     "a second device with the node-ID of the drive was plugged in, and out again, while the PLC keeps ON": Situation(
         begin=_second_device,
