@@ -13,6 +13,8 @@ HEARTBEAT_ERROR: Final = 0x8130
 BUS_OFF_RECOVERED: Final = 0x8140
 PDO_LENGTH_ERROR: Final = 0x8210
 """Codes that the gateway, or a simulated node, sends by itself."""
+PDO_ERRORS: Final = range(0x8200, 0x8300)
+"""Protocol errors: PDOs that are not processed."""
 COMMUNICATION_ERROR: Final = 1 << 0 | 1 << 4
 """Error register 1001h with such a code: generic, communication."""
 

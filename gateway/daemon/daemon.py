@@ -200,7 +200,7 @@ class Daemon:
         if (outage := network.health.outage) is not None:
             for item in self.objects:
                 if item.network is network:
-                    item.origins.prove(By.BUS, f"bus {network.name}: {outage.value}", outage.remedy, self.loop.now())
+                    item.origins.prove(By.BUS, f"bus {network.name}: {outage.value}", (outage.remedy,), self.loop.now())
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""

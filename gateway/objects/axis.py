@@ -10,6 +10,7 @@ from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
+from pdgw.ds301.emcy import PDO_ERRORS
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
@@ -17,17 +18,20 @@ from pdgw.dsp402.drive_type import DriveFault, Scaling
 from pdgw.dsp402.objects import ABORT_OPTION, CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
 from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
+from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
 from pdgw.gateway.axis.values import Configured, FaultRead, FaultRecord, Outputs
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
+from pdgw.gateway.base.steps import Remedy
 from pdgw.gateway.base.store import ConfirmedUnits
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
+from pdgw.gateway.objects.inquiry import PATIENCE_NS, REMAP, Answer, Untaken, ask
 from pdgw.gateway.objects.origins import ORDERS, Origin, used_up
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.profidrive.sensor_format import SensorFormat
@@ -40,6 +44,10 @@ _REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """Format of the drive's second encoder; its resolution is not read."""
 _REACTION_MARGIN: Final = 2
+_UNFOLLOWED: Final = (Reason.INHIBITED, Reason.NOT_OPERATING)
+"""ON is commanded, and the drive does not show that it follows."""
+_POWER_BITS: Final = 0x8F
+"""Bits 0 to 3 and 7 of the Controlword, which a drive shows as they were sent."""
 _NO_BRAKE: Final = Brake.NONE
 _WITHHOLD_HEARTBEAT: Final = Brake.WITHHOLD_HEARTBEAT
 """A constant, because each access to a member of an enum is a look-up."""
@@ -90,6 +98,8 @@ class Axis(DriveObject):
         self._probing = False
         self._warning = self._lags_since = 0
         """P953, and ``AxisMachine.lags_since``, after the last step."""
+        self.untaken: Untaken | None = None
+        """The last Controlword that the drive did not take, as it was asked."""
         self._sound_until = 0
         """When it was not in fault last."""
 
@@ -195,7 +205,7 @@ class Axis(DriveObject):
             word = self.drive.feedback.statusword
             if reason is Reason.INHIBITED and (state := state_of(word)) is not None:
                 supply = bool(word & StatusBit.VOLTAGE_ENABLED) or not self.machine.lacks_supply(state, unproven=True)
-                evidence, remedy = used_up(state, self._settings.enter_ns, supply=supply)
+                evidence, remedy = self.unheard or used_up(state, self._settings.enter_ns, supply=supply)
                 return Origin(By.DRIVE, evidence, now, remedy)
             order = ORDERS.get(reason)
             return Origin(By.PLC if order else By.DRIVE, order or (reason or Reason.NEEDS_OFF).value, now)
@@ -266,6 +276,37 @@ class Axis(DriveObject):
         if not record.is_warning:
             self.machine.adapter.unheard = False
         super()._record(record)
+
+    def _serve(self, outputs: Outputs) -> None:
+        if outputs.reason is not self._reported_reason and outputs.reason in _UNFOLLOWED:
+            self.network.loop.call_later(PATIENCE_NS, self._ask_controlword)
+        super()._serve(outputs)
+
+    def _ask_controlword(self) -> None:
+        """The drive does not follow ON: does it have the Controlword that was sent?"""
+        sent, shown, generation = self._word, self.drive.feedback.statusword & STATE_MASK, self._generation
+        if not self.good or self.outputs.reason not in _UNFOLLOWED:
+            return
+
+        def compare(answer: Answer) -> None:
+            if self._word == sent and answer.contradicts(CONTROLWORD, sent, _POWER_BITS):
+                self.untaken = untaken = Untaken(sent, answer.values.get(CONTROLWORD), shown, generation)
+                self.origins.prove(By.DRIVE, *untaken.texts, self.network.loop.now())
+
+        ask(self.drive, [CONTROLWORD], compare)
+
+    @property
+    def unheard(self) -> tuple[str, Remedy] | None:
+        """Evidence and remedy of a drive that does not take the gateway's RPDOs; None: nothing shows that."""
+        for reported in self.fault_log.reported(present=self.outputs.warning):
+            record = reported.record
+            if reported.active and record.code in PDO_ERRORS:
+                return f"the drive does not process the gateway's RPDOs: {record.text}", REMAP
+        untaken = self.untaken
+        shown = self.drive.feedback.statusword & STATE_MASK
+        if untaken is None or (untaken.shown, untaken.generation) != (shown, self._generation):
+            return None
+        return untaken.texts
 
     @property
     def acknowledged_in_vain(self) -> bool:

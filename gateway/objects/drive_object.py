@@ -332,7 +332,7 @@ class DriveObject(abc.ABC):
         """What has happened to the node; the next step processes it."""
         self._news.append(notice)
         if notice.notice is Notice.TWO_DEVICES:
-            self.origins.prove(By.BUS, f"two devices had node-ID {self.node_id}", DISCONNECT, notice.time_ns)
+            self.origins.prove(By.BUS, f"two devices had node-ID {self.node_id}", (DISCONNECT,), notice.time_ns)
         if (status := self.client.status) is not self._shown_status:
             self._shown_status = status
             self.log_event("node", self.do_id, f"node {self.node_id}: {status.value}", 0)

@@ -311,7 +311,7 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.breaks(panel, "", with_on(panel.remedy) if again else ())
     elif reason is Reason.INHIBITED and state is not None:
         supply = supplied or not machine.lacks_supply(state, unproven=True)
-        chain.breaks(reason, *used_up(state, machine.settings.enter_ns, supply=supply))
+        chain.breaks(reason, *(axis.unheard or used_up(state, machine.settings.enter_ns, supply=supply)))
     elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
@@ -322,7 +322,10 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.breaks(Reason.NOT_OPERATING, evidence, (Wait(""), place))
     elif commanded and state is not None and demand.power is not PowerWish.ON:
         local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
-        chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}{local}")
+        chain.breaks(
+            Reason.NOT_OPERATING,
+            *(axis.unheard or (f"ON is commanded, but the drive reports {state.value}{local}",)),
+        )
 
 
 def _fault_and(item: DriveObject, origin: Origin | None, acknowledge: Acknowledge) -> tuple[str, Remedy]:

@@ -45,7 +45,7 @@ def used_up(state: State, enter_ns: int, *, supply: bool) -> tuple[str, Remedy]:
     return f"the drive did not leave {state.value}{time} after ON: {lacks}", todo
 
 
-_SUSPECTED: Final = (FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED, FaultNumber.LEFT_OPERATION)
+_SUSPECTED: Final = (0, FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED, FaultNumber.LEFT_OPERATION)
 _GUESSED: Final = (By.NODE, By.DRIVE)
 """Losses with the first symptom as their cause, and not another master or the gateway."""
 PROOF_NS: Final = 2 * SECOND
@@ -139,7 +139,7 @@ class Origins:
             self.present = Origin.of(record)
             self._replace_guess()
 
-    def prove(self, by: By, evidence: str, remedy: str, now: int) -> None:
+    def prove(self, by: By, evidence: str, remedy: Remedy, now: int) -> None:
         """What a loss really is was proven: this replaces the guess from its first symptom, which may be reported later."""
         self._proof = Origin(by, evidence, now, remedy)
         self._replace_guess()

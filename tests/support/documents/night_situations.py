@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from pdgw.base.durations import SECOND
+from dataclasses import dataclass
+
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.peers.node.behaviour import Behaviour
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.origin_situations import find, miss
 from tests.support.documents.situations import Situation, Step, acknowledge, both, online, run_out, words
@@ -62,6 +65,40 @@ def _restart_drive(plc: Plc, daemon: Daemon) -> None:
     daemon.objects[0].reset_node()
     miss(plc, daemon)
     acknowledge(plc, daemon)
+
+
+@dataclass(kw_only=True, eq=False)
+class _OldMapping(Behaviour):
+    """The drive processes no RPDO until it restarts, and reports each by EMCY 8210h, 100 ms apart."""
+
+    name = "old mapping"
+    announced: int = 0
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        if not self.node.is_pdo(can_id):
+            return True
+        if self.node.now - self.announced > 100 * MS:
+            self.announced = self.node.now
+            self.node.send_emcy(0x8210, 0x11)
+        return False
+
+
+def _ignore_rpdos(daemon: Daemon) -> None:
+    drive_of(daemon).node.start_fault("deaf")
+
+
+def _reject_rpdos(daemon: Daemon) -> None:
+    behaviour = _OldMapping()
+    behaviour.node = node = drive_of(daemon).node
+    node.behaviours[behaviour.name] = behaviour
+
+
+def _hear(plc: Plc, daemon: Daemon) -> None:
+    """The drive restarts with the new mapping."""
+    drive_of(daemon).node.end_fault()
+    daemon.objects[0].reset_node()
+    miss(plc, daemon)
+    online(plc, daemon)
 
 
 def _restart_interface(plc: Plc, daemon: Daemon) -> None:
@@ -123,6 +160,32 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         lacks=("bus-off", "interface", "adapter"),
         health=Health.WARNING,
         cure=_AGAIN,
+    ),
+    "the drive ignores every RPDO, as with its old mapping": Situation(
+        operates=False,
+        spoil=_ignore_rpdos,
+        begin=words((OFF, {}), (OFF, {}), (ON, {}), (ON, {})),
+        says=(
+            "Waits: the drive does not take the Controlword: 6040h is ",
+            ", 0006h was sent",
+            "Restart the node (P972",
+            "1600h",
+        ),
+        lacks=("STO", "enable input"),
+        health=Health.WARNING,
+        cure=_hear,
+    ),
+    "the drive rejects every RPDO with EMCY 8210h": Situation(
+        operates=False,
+        spoil=_reject_rpdos,
+        begin=words((OFF, {}), (OFF, {}), (ON, {})),
+        says=(
+            "Waits: the drive does not process the gateway's RPDOs: EMCY 8210h PDO not processed",
+            "Restart the node (P972",
+        ),
+        lacks=("STO", "enable input"),
+        health=Health.WARNING,
+        cure=_hear,
     ),
     "after a short circuit of the bus the heartbeat consumer of the drive stays in error": Situation(
         begin=both(_trip_consumer, words((OFF, {}), (OFF | 0x80, {}))),

@@ -1,0 +1,85 @@
+"""What the gateway asks a drive that does not follow: the Controlword that it has, and the limits in force.
+
+The questions are SDO reads beside the exchange, one series for each time that the drive does not follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from pdgw.base.durations import MS
+from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
+from pdgw.dsp402.drive.client import DriveClient
+from pdgw.gateway.base.steps import Remedy
+
+Address = tuple[int, int]
+PATIENCE_NS: Final = 200 * MS
+"""A drive shows within this time that it follows a Controlword; then it is asked which one it has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a drive has answered: its values by address, without those that it does not have."""
+
+    values: dict[Address, int]
+    silent: bool
+    """A request was not answered at all."""
+
+    def contradicts(self, address: Address, sent: int, mask: int) -> bool:
+        """The drive has another value than was sent, in the bits of ``mask``, or it answers nothing. One without the object
+        contradicts nothing."""
+        has = self.values.get(address)
+        return self.silent if has is None else (has ^ sent) & mask != 0
+
+
+def ask(drive: DriveClient, addresses: Iterable[Address], then: Callable[[Answer], None]) -> None:
+    """Read these objects beside the exchange, and call ``then``. Not called if the node is lost meanwhile."""
+
+    def read(client: DriveClient) -> None:
+        values: dict[Address, int] = {}
+        silent = False
+        for address in addresses:
+            try:
+                values[address] = client.sdo.read_number(*address)
+            except SdoAbortedError:
+                continue
+            except SdoCommunicationError:
+                silent = True
+                break
+            except CanopenError:
+                return
+        then(Answer(values, silent))
+
+    drive.submit(read)
+
+
+@dataclass(frozen=True, slots=True)
+class Untaken:
+    """A Controlword that the drive did not take in a state."""
+
+    sent: int
+    has: int | None
+    """6040h as the drive has it; None: it answered no SDO request."""
+    shown: int
+    """The state, as bits of the Statusword."""
+    generation: int
+    """Number of the configuration of the node."""
+
+    @property
+    def texts(self) -> tuple[str, Remedy]:
+        """Evidence and remedy."""
+        if self.has is None:
+            return SENDS_NOTHING
+        return f"the drive does not take the Controlword: 6040h is {self.has:04X}h, {self.sent:04X}h was sent", REMAP
+
+
+SENDS_NOTHING: Final = (
+    "the drive follows no Controlword and answers no SDO request, but its frames arrive: the interface may send nothing",
+    ("unplug the CAN adapter for a moment, or set its interface down and up; check its driver",),
+)
+REMAP: Final = (
+    "restart the node (P972, or power off and on): some drives use a new PDO mapping only then; else compare its RPDO mapping "
+    "(1600h and others) with pdgw status",
+)
