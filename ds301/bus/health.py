@@ -95,8 +95,9 @@ class BusHealth:
         if self._busy_since < 0:
             self._busy_since = now
         elif now - self._busy_since >= BUSY_NS and not self._bus_off:
-            one_way = self._one_way_since
-            self._fail(Outage.STUCK if 0 <= one_way <= now - BUSY_NS else Outage.UNACKNOWLEDGED)
+            # The first frame of a device that was off comes before the interface has sent what waits.
+            since = now if self.outage is None else now - BUSY_NS
+            self._fail(Outage.STUCK if 0 <= self._one_way_since <= since else Outage.UNACKNOWLEDGED)
 
     def lost(self) -> None:
         """The interface does not work any more."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pdgw.base.durations import MS, SECOND
+from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.daemon.daemon import Daemon
@@ -101,6 +102,24 @@ def _hear(plc: Plc, daemon: Daemon) -> None:
     online(plc, daemon)
 
 
+def _stop_sending(places: int) -> Step:
+    """The CAN adapter receives, takes this number of frames to send and sends none."""
+
+    def step(plc: Plc, daemon: Daemon) -> None:
+        port, taken = world_of(daemon).gateway_port("world"), 0
+
+        def send(_can_id: int, _data: bytes) -> None:
+            nonlocal taken
+            taken += 1
+            if taken > places:
+                raise PortBusyError
+
+        port.send = send  # type: ignore[method-assign]
+        run_out(plc)
+
+    return step
+
+
 def _restart_interface(plc: Plc, daemon: Daemon) -> None:
     world_of(daemon).unplug("world")
     run_out(plc, SECOND // 10)
@@ -174,6 +193,22 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         lacks=("STO", "enable input"),
         health=Health.WARNING,
         cure=_hear,
+    ),
+    "the CAN adapter receives frames, and its queue of frames to send is stuck": Situation(
+        begin=both(_stop_sending(16), _wait(2)),
+        says=("Not on the bus: bus can: the interface receives frames and sends none", "Unplug the CAN adapter"),
+        lacks=("STO", "cable", "bus-off"),
+        cure=_restart_interface,
+    ),
+    "the CAN adapter takes frames and sends none when ON comes": Situation(
+        begin=both(words((OFF, {})), _stop_sending(1 << 30), words((OFF, {}), (ON, {})), _wait(2)),
+        says=(
+            "the drive follows no Controlword and answers no SDO request, but its frames arrive",
+            "Unplug the CAN adapter",
+        ),
+        lacks=("STO", "cable"),
+        health=Health.WARNING,
+        cure=_restart_interface,
     ),
     "the drive rejects every RPDO with EMCY 8210h": Situation(
         operates=False,
