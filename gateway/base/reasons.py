@@ -558,6 +558,12 @@ class Reason(enum.Enum):
         "STW1.8 or STW1.9 = 1 starts no jog: it has no speed in jog_speeds_rpm",
         (Bits(("STW1.8", "STW1.9"), 0), 'or configure jog_speeds_rpm with setpoint_enable = "profidrive"'),
     )
+    LAGS = (
+        "the axis does not follow its setpoint",
+        ("check brake, torque limit and mechanics",),
+        _E.SETPOINT,
+        _S.OBEYS,
+    )
 
 
 def with_count(text: str, count: int, duration_ns: int) -> str:

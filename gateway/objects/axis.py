@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
-from pdgw.base.durations import MS
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
@@ -15,7 +15,16 @@ from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive_type import DriveFault, Scaling
-from pdgw.dsp402.objects import ABORT_OPTION, CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
+from pdgw.dsp402.objects import (
+    ABORT_OPTION,
+    CONTROLWORD,
+    DRIVE_OBJECTS,
+    ERROR_CODE,
+    HOMING_METHOD,
+    MAX_TORQUE,
+    MODE,
+    MODE_DISPLAY,
+)
 from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.gateway.axis.demand_report import STATE_MASK
@@ -31,7 +40,7 @@ from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
-from pdgw.gateway.objects.inquiry import PATIENCE_NS, REMAP, Answer, Untaken, ask
+from pdgw.gateway.objects.inquiry import LIMITS, PATIENCE_NS, REMAP, Answer, Untaken, ask
 from pdgw.gateway.objects.origins import ORDERS, Origin, used_up
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.profidrive.sensor_format import SensorFormat
@@ -46,6 +55,8 @@ _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False
 _REACTION_MARGIN: Final = 2
 _UNFOLLOWED: Final = (Reason.INHIBITED, Reason.NOT_OPERATING)
 """ON is commanded, and the drive does not show that it follows."""
+_ASK_AGAIN_NS: Final = 10 * SECOND
+"""The limits of a drive are read so often at most."""
 _POWER_BITS: Final = 0x8F
 """Bits 0 to 3 and 7 of the Controlword, which a drive shows as they were sent."""
 _NO_BRAKE: Final = Brake.NONE
@@ -100,6 +111,9 @@ class Axis(DriveObject):
         """P953, and ``AxisMachine.lags_since``, after the last step."""
         self.untaken: Untaken | None = None
         """The last Controlword that the drive did not take, as it was asked."""
+        self.limits: Answer | None = None
+        """The limits of the drive, as they were read when the axis began to lag."""
+        self._limits_asked = -_ASK_AGAIN_NS
         self._sound_until = 0
         """When it was not in fault last."""
 
@@ -185,9 +199,23 @@ class Axis(DriveObject):
     def _watch(self, warning: int, lags_since: int) -> None:
         """The warnings or the lag of the axis have changed."""
         self._watch_warning(warning)
-        if lags_since and lags_since != self._lags_since:
-            self._log_warning("does not follow its setpoint")
+        if lags_since != self._lags_since:
+            self._show_reason()
+            if lags_since:
+                self._ask_limits()
         self._warning, self._lags_since = warning, lags_since
+
+    def _ask_limits(self) -> None:
+        """The axis has begun to lag: which limits does the drive have?"""
+        now = self.network.loop.now()
+        if now - self._limits_asked < _ASK_AGAIN_NS:
+            return
+        self._limits_asked, self.limits = now, None
+
+        def keep(answer: Answer) -> None:
+            self.limits = answer
+
+        ask(self.drive, [MODE_DISPLAY, *(limit.address for limit in LIMITS)], keep)
 
     def _turn_origin(self, outputs: Outputs, now: int) -> None:
         """The drive follows the PLC again, or something has begun a stop."""

@@ -238,13 +238,17 @@ class DriveObject(abc.ABC):
         if outputs.events is not None:
             self._report(outputs.events)
         self._reported_reason = outputs.reason
+        self._show_reason()
+
+    def _show_reason(self) -> None:
+        """Log another reason of the chain than before."""
         enable_status = self.enable_status
         shown = None if enable_status.broken is None else enable_status.broken.reason
         self.log_state(enable_status)
         if shown is not self._shown_reason:
             text = untimed(enable_status.text)  # a happening has its own time
-            self._happened(text, stops=self._operated)
-            self._operated = shown is None
+            self._happened(text, stops=self._operated and enable_status.state is not AxisState.OBEYS)
+            self._operated = enable_status.state is AxisState.OBEYS
             self._shown_reason = shown
             cause = {"event": "reason", "do": self.do_id, "reason": "" if shown is None else shown.name}
             log.info("%s: %s", self.label, enable_status.sentence, extra=cause)
@@ -255,13 +259,10 @@ class DriveObject(abc.ABC):
         if warned is not self._warned:
             self._warned = warned
             if warned:
-                self._log_warning(f"the device shows a warning ({self.warning_word})")
-
-    def _log_warning(self, text: str) -> None:
-        """Log what stops nothing."""
-        self._happened(text)
-        self.log_event("warning", self.do_id, text, 0)
-        log.info("%s: %s", self.label, text, extra={"event": "warning", "do": self.do_id})
+                text = f"the device shows a warning ({self.warning_word})"
+                self._happened(text)
+                self.log_event("warning", self.do_id, text, 0)
+                log.info("%s: %s", self.label, text, extra={"event": "warning", "do": self.do_id})
 
     def log_state(self, status: EnableStatus) -> None:
         """Log the event of another state or reason. A cycle without news does not see all of them; the next status does."""

@@ -39,6 +39,7 @@ from pdgw.gateway.objects.bit_effects import bit_effects
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
+from pdgw.gateway.objects.lag import lag_texts, reductions
 from pdgw.gateway.objects.origins import Origin, clock, since, used_up
 from pdgw.profidrive.encoder import (
     ENCODER_ACKNOWLEDGE,
@@ -387,6 +388,8 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
         chain.breaks(reason, _frozen_text(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason, *_order_and(chain, axis, reason))
+    elif (texts := lag_texts(axis)) is not None and not any(reductions(axis)):
+        chain.breaks(Reason.LAGS, *texts)
     elif reason is None:
         chain.passes(Enable.SETPOINT)
 
@@ -494,15 +497,6 @@ def device_warning(item: DriveObject) -> str:
     return f"warning of the device ({item.warning_word}) without an EMCY: see its manual"
 
 
-def lag_text(axis: Axis) -> str:
-    """That an axis in operation does not follow its setpoint; empty if it follows."""
-    lags = axis.machine.lags_since
-    if not lags or axis.machine.outputs.reason is not None:
-        return ""
-    since = clock(lags, axis.network.loop)
-    return f"does not follow its setpoint since {since}: check brake, torque limit and mechanics"
-
-
 def notes(axis: Axis) -> list[str]:
     """What the drive shows or the PLC sends without an effect while no link is broken, and where the drive's positions end."""
     adapter, word = axis.machine.adapter, _control_word(axis)[1]
@@ -522,8 +516,8 @@ def notes(axis: Axis) -> list[str]:
             found.append(
                 f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
             )
-    if lags := lag_text(axis):
-        found.append(lags)
+    if any(reductions(axis)) and (texts := lag_texts(axis)) is not None:
+        found.append(texts[0])
     found += _sensor_notes(axis)
     if axis.machine.executor.range_note:
         found.append(axis.machine.executor.range_note)

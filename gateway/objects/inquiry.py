@@ -5,18 +5,53 @@ The questions are SDO reads beside the exchange, one series for each time that t
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.client import DriveClient
+from pdgw.dsp402.objects import (
+    MAX_MOTOR_SPEED,
+    MAX_PROFILE_VELOCITY,
+    MAX_TORQUE,
+    NEGATIVE_TORQUE_LIMIT,
+    POSITIVE_TORQUE_LIMIT,
+    PROFILE_ACCELERATION,
+)
 from pdgw.gateway.base.steps import Remedy
 
 Address = tuple[int, int]
 PATIENCE_NS: Final = 200 * MS
 """A drive shows within this time that it follows a Controlword; then it is asked which one it has."""
+
+
+class LimitKind(enum.Enum):
+    """What a limit bounds, and with which value it explains that the axis does not follow."""
+
+    TORQUE = "0"
+    RAMP = "0, in profile velocity mode"
+    SPEED = "below the setpoint, in velocity units"
+    MOTOR_SPEED = "below the setpoint, in rpm"
+
+
+class Limit(NamedTuple):
+    address: Address
+    name: str
+    kind: LimitKind
+
+
+LIMITS: Final = (
+    Limit(MAX_TORQUE, "max torque", LimitKind.TORQUE),
+    Limit((POSITIVE_TORQUE_LIMIT, 0), "positive torque limit", LimitKind.TORQUE),
+    Limit((NEGATIVE_TORQUE_LIMIT, 0), "negative torque limit", LimitKind.TORQUE),
+    Limit((MAX_PROFILE_VELOCITY, 0), "max profile velocity", LimitKind.SPEED),
+    Limit((MAX_MOTOR_SPEED, 0), "max motor speed", LimitKind.MOTOR_SPEED),
+    Limit((PROFILE_ACCELERATION, 0), "profile acceleration", LimitKind.RAMP),
+)
+"""What keeps a drive from its setpoint, read when it does not follow."""
 
 
 @dataclass(frozen=True, slots=True)

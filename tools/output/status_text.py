@@ -59,9 +59,7 @@ def findings(document: dict[str, Any]) -> list[Finding]:
         if item["do_id"] in stopped:
             continue
         texts = [fault["text"] for fault in item["faults"] if fault["active"]] or [item["warning"]]
-        found += [
-            Finding(Health.WARNING, f"{item['label']}: {text}") for text in (*texts, item.get("lags", "")) if text
-        ]
+        found += [Finding(Health.WARNING, f"{item['label']}: {text}") for text in texts if text]
     return sorted(found, key=lambda finding: -finding.health)
 
 

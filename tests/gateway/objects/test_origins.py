@@ -307,7 +307,7 @@ def test_a_shaft_that_turns_never_waits_and_is_never_off(number: int, reaction: 
         assert turned or number in (7, 9, 110), "the shaft turned"
 
 
-def test_line_of_an_axis_has_its_setpoint_and_a_note_if_it_does_not_follow() -> None:
+def test_line_of_an_axis_has_its_setpoint_and_names_a_lag() -> None:
     def blocked(model: DriveModel, _: int) -> None:
         model.velocity_actual = model.position_actual = 0
 
@@ -324,21 +324,37 @@ def test_line_of_an_axis_has_its_setpoint_and_a_note_if_it_does_not_follow() -> 
         assert snapshot(daemon)["axes"][0]["notes"] == [], "its ramp has time"
         run_out(plc, 200 * MS)
         document = snapshot(daemon)
-        (note,) = document["axes"][0]["notes"]
-        assert re.fullmatch(
-            r"does not follow its setpoint since [\d:]{8}: check brake, torque limit and mechanics", note
-        )
+        sentence = document["axes"][0]["sentence"]
+        assert re.match(r"In operation: does not follow its setpoint since [\d:]{8}; limits of the drive: ", sentence)
+        assert sentence.endswith(". Check brake, torque limit and mechanics.")
         assert any("0 of 750 rpm, does not follow)" in line for line in status_lines(document, 400))
         assert status_of(daemon).state is AxisState.OBEYS
         health, line = check_line(document)
         assert health is Health.WARNING
-        assert "axis 1: does not follow its setpoint since" in line
-        assert [event.text for event in daemon.events.after(0) if event.kind == "warning"] == [
-            "does not follow its setpoint"
-        ]
+        assert "axis 1 In operation: does not follow its setpoint since" in line
+        assert [event.text for event in daemon.events.after(0) if "does not follow" in event.text]
         drive_of(daemon).model.disguises.clear()
         run_out(plc)
         assert check_line(snapshot(daemon))[0] is Health.OK
+
+
+def test_an_axis_whose_torque_the_plc_reduces_may_lag() -> None:
+    """A winder: its speed setpoint is above the speed of the material, which is at standstill here."""
+
+    def holds(model: DriveModel, _: int) -> None:
+        model.velocity_actual = model.position_actual = 0
+
+    with in_operation(axis(1, telegram_number=102)) as (daemon, plc):
+        drive_of(daemon).model.disguises.append(holds)
+        plc.endpoint.set(0, {"NSOLL_B": 0x1000_0000, "MOMRED": 0x2000})
+        run_out(plc, 2000 * MS)
+        document = snapshot(daemon)
+        assert check_line(document)[0] is Health.OK
+        (note,) = [note for note in document["axes"][0]["notes"] if "does not follow" in note]
+        assert "limited by MOMRED = 50.000 %" in note
+        plc.endpoint.set(0, {"MOMRED": 0})
+        run_out(plc, 100 * MS)
+        assert check_line(snapshot(daemon))[0] is Health.WARNING
 
 
 def test_every_gateway_fault_names_its_author_and_remedy() -> None:

@@ -8,7 +8,9 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
+from pdgw.dsp402.objects import MAX_PROFILE_VELOCITY
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.tools.output.status_text import Health
 from tests.support.documents.origin_situations import find, miss
@@ -102,6 +104,32 @@ def _hear(plc: Plc, daemon: Daemon) -> None:
     online(plc, daemon)
 
 
+def _limit_speed(plc: Plc, daemon: Daemon) -> None:
+    """Another tool has set the greatest speed of the drive below the setpoint of the PLC."""
+    node = drive_of(daemon).node
+    node.values[MAX_PROFILE_VELOCITY, 0] = 100
+
+    def limits(model: DriveModel, _: int) -> None:
+        model.velocity_actual = min(model.velocity_actual, 100)
+
+    drive_of(daemon).model.disguises.append(limits)
+    words((ON, {"NSOLL_A": 0x1000}))(plc, daemon)
+
+
+def _block(plc: Plc, daemon: Daemon) -> None:
+    """The brake is closed."""
+
+    def blocks(model: DriveModel, _: int) -> None:
+        model.velocity_actual = model.position_actual = 0
+
+    drive_of(daemon).model.disguises.append(blocks)
+    words((ON, {"NSOLL_A": 0x1000}))(plc, daemon)
+
+
+def _release(plc: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).model.disguises.clear()
+
+
 def _stop_sending(places: int) -> Step:
     """The CAN adapter receives, takes this number of frames to send and sends none."""
 
@@ -193,6 +221,27 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         lacks=("STO", "enable input"),
         health=Health.WARNING,
         cure=_hear,
+    ),
+    "another tool has set the greatest speed of the drive below the setpoint": Situation(
+        begin=both(_limit_speed, _wait(2)),
+        says=(
+            "In operation: does not follow its setpoint since ",
+            "limited by 607Fh (max profile velocity) = 100",
+            "Raise this limit",
+        ),
+        lacks=("brake", "mechanics", "6072h"),
+        health=Health.WARNING,
+        cure=_release,
+    ),
+    "the brake of the motor is closed in operation": Situation(
+        begin=both(_block, _wait(2)),
+        says=(
+            "In operation: does not follow its setpoint since ",
+            "limits of the drive: 6072h (max torque) = 3000, 607Fh",
+            "Check brake, torque limit and mechanics",
+        ),
+        health=Health.WARNING,
+        cure=_release,
     ),
     "the CAN adapter receives frames, and its queue of frames to send is stuck": Situation(
         begin=both(_stop_sending(16), _wait(2)),

@@ -1,0 +1,61 @@
+"""An axis in operation that does not follow its setpoint: since when, and which limits of the drive are in force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import MODE_DISPLAY
+from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.inquiry import LIMITS, SENDS_NOTHING, LimitKind
+from pdgw.gateway.objects.origins import clock
+from pdgw.profidrive.signal_text import value_text
+
+_WIDEN: Final = "raise this limit, or give a setpoint within it"
+
+
+def lag_texts(axis: Axis) -> tuple[str, str] | None:
+    """Evidence and remedy of an axis in operation that does not follow its setpoint; None if it follows, or if it has another
+    reason."""
+    lags = axis.machine.lags_since
+    if not lags or axis.machine.outputs.reason is not None:
+        return None
+    since = f"does not follow its setpoint since {clock(lags, axis.network.loop)}"
+    answer = axis.limits
+    if answer is not None and answer.silent:
+        evidence, remedy = SENDS_NOTHING
+        return f"{since}: {evidence}", remedy
+    values = {} if answer is None else answer.values
+    mode = values.get(MODE_DISPLAY, 0)
+    present = [limit for limit in LIMITS if limit.address in values]
+    explains = [limit for limit in present if _explains(axis, limit.kind, values[limit.address], mode)]
+    shown = [f"{limit.address[0]:04X}h ({limit.name}) = {values[limit.address]}" for limit in explains or present]
+    own = [*reductions(axis)]
+    if axis.drive.feedback.statusword & StatusBit.INTERNAL_LIMIT:
+        own.append("Statusword.11 = 1 (internal limit)")
+    if explains or own:
+        return f"{since}: limited by {', '.join((*own, *(shown if explains else ())))}", _WIDEN
+    inside = f"; limits of the drive: {', '.join(shown)}" if shown else ""
+    return since + inside, Reason.LAGS.remedy
+
+
+def reductions(axis: Axis) -> Iterator[str]:
+    """What the PLC itself reduces: MOMRED above 0."""
+    for item, raw in zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False):
+        if item.name == "MOMRED" and (item.percent(raw) or 0) > 0:
+            yield f"MOMRED = {value_text(item, raw)}"
+
+
+def _explains(axis: Axis, kind: LimitKind, value: int, mode: int) -> bool:
+    """Whether a limit with this value keeps the axis from its setpoint in this mode of operation (6061h)."""
+    if kind is LimitKind.TORQUE:
+        return value == 0
+    if kind is LimitKind.RAMP:
+        return value == 0 and mode == Mode.VELOCITY
+    if kind is LimitKind.SPEED:
+        return value < abs(axis.outputs.command.target_velocity)
+    setpoint = axis.speed_setpoint_rpm
+    return setpoint is not None and value < abs(setpoint)
