@@ -39,7 +39,7 @@ from pdgw.gateway.objects.bit_effects import bit_effects
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.lag import lag_texts, reductions
+from pdgw.gateway.objects.lag import lag_and, reductions
 from pdgw.gateway.objects.origins import Origin, clock, since, used_up
 from pdgw.profidrive.encoder import (
     ENCODER_ACKNOWLEDGE,
@@ -157,8 +157,8 @@ class _Chain:
         """Bus and node; False if the device cannot be checked."""
         network, client = self.item.network, self.item.client
         if (outage := network.health.shown(network.loop.now())) is not None:
-            again = "" if outage is Outage.STAYS_OFF else "; the gateway connects again by itself"
-            self.breaks(Reason.BUS_LOST, f"bus {network.name}: {outage.value}", outage.remedy + again)
+            again = () if outage is Outage.STAYS_OFF else ("the gateway connects again by itself",)
+            self.breaks(Reason.BUS_LOST, f"bus {network.name}: {outage.value}", (outage.remedy, *again))
             return False
         self.passes(Enable.BUS)
         if self.item.good:
@@ -388,7 +388,7 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
         chain.breaks(reason, _frozen_text(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason, *_order_and(chain, axis, reason))
-    elif (texts := lag_texts(axis)) is not None and not any(reductions(axis)):
+    elif (texts := lag_and(axis)) is not None and not any(reductions(axis)):
         chain.breaks(Reason.LAGS, *texts)
     elif reason is None:
         chain.passes(Enable.SETPOINT)
@@ -516,7 +516,7 @@ def notes(axis: Axis) -> list[str]:
             found.append(
                 f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
             )
-    if any(reductions(axis)) and (texts := lag_texts(axis)) is not None:
+    if any(reductions(axis)) and (texts := lag_and(axis)) is not None:
         found.append(texts[0])
     found += _sensor_notes(axis)
     if axis.machine.executor.range_note:

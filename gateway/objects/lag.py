@@ -9,15 +9,16 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import MODE_DISPLAY
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.base.steps import Remedy
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.inquiry import LIMITS, SENDS_NOTHING, LimitKind
 from pdgw.gateway.objects.origins import clock
 from pdgw.profidrive.signal_text import value_text
 
-_WIDEN: Final = "raise this limit, or give a setpoint within it"
+_WIDEN: Final = ("raise this limit, or give a setpoint within it",)
 
 
-def lag_texts(axis: Axis) -> tuple[str, str] | None:
+def lag_and(axis: Axis) -> tuple[str, Remedy] | None:
     """Evidence and remedy of an axis in operation that does not follow its setpoint; None if it follows, or if it has another
     reason."""
     lags = axis.machine.lags_since
