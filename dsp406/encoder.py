@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 import canopen
 
@@ -20,12 +19,12 @@ from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.emcy import emcy_text
-from pdgw.ds301.node.client import ACYCLIC_FAILURES, SHORTEST_EMCY, NodeClient
+from pdgw.ds301.node.client import FAILURES, SHORTEST_EMCY, NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeNotice, NodeSettings, Notice
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.node.planner import Findings, found_in_data_sheet, plan_pdos
-from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import PdoCapabilities
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.faults import ENCODER_EMCY
@@ -46,9 +45,6 @@ from pdgw.dsp406.objects import (
 )
 from pdgw.dsp406.pdos import encoder_layout
 
-_ROUNDS = 4
-_READ_LATE_NS: Final = _ROUNDS * 100 * MS
-"""A position read by SDO, each 100 ms and as long as reading all takes, may be missed so often; and one SDO may time out."""
 _DIAGNOSTICS = (("alarms", ALARMS), ("warnings", WARNINGS), ("error_register", ERROR_REGISTER))
 
 
@@ -107,9 +103,6 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.parameters: EncoderParameters | None = None
         """Read while configuring; None before."""
         self._diagnosed = 0
-        self._read_times: dict[str, int] = {}
-        """When the values that are read by SDO were read last, by image attribute."""
-        self._round_ns = 0
         self._diagnose = False
         self._unread = 0
         """So often in a row alarms and warnings could not be read."""
@@ -124,23 +117,23 @@ class EncoderClient(NodeClient[EncoderSettings]):
         """When the position of a channel arrived, monotonic nanoseconds; 0 before the first."""
         name = position_of(channel)
         sent = (slot.time for slot in self._slots if name in slot.pdo.attributes)
-        return max([self._read_times.get(name, 0), *sent])
+        read = self.polling.find(name)
+        return max([0 if read is None else read.asked_ns, *sent])
 
     def refresh(self, now: int) -> bool:
         """Cyclic: as for every node, and no value that is read by SDO may be overdue either."""
         fresh = super().refresh(now)
-        read = (self._read_times.get(entry.attribute, 0) for entry in self._acyclic)
-        return fresh and all(now - time <= self._read_age_ns for time in read)
+        return fresh and all(now - item.asked_ns <= self._read_age_ns for item in self.polling.objects)
 
     @property
     def _read_age_ns(self) -> int:
-        """Longest age of a position that is read by SDO."""
-        return _READ_LATE_NS + _ROUNDS * self._round_ns + self.settings.sdo_timeout_ms * MS
+        """Longest age of a position that is read by SDO: one answer may be lost."""
+        return self.polling.age_ns + self.settings.sdo_timeout_ms * MS
 
     @property
     def position_age_ns(self) -> int:
         """Longest age of a position that counts."""
-        return max(self._timeout_ns, self._read_age_ns) if self._acyclic else self._timeout_ns
+        return max(self._timeout_ns, self._read_age_ns) if self.polling.objects else self._timeout_ns
 
     # -- the node's task ------------------------------------------------------------------------------------------------
 
@@ -178,23 +171,15 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.feedback.error_code = 0
         self._read_diagnostics()
 
-    def _read_acyclic(self, entry: Entry) -> None:
-        begun = self.loop.now()
-        super()._read_acyclic(entry)
-        self._read_times[entry.attribute] = begun
-
     def _exchange_acyclic(self, now: int) -> None:
-        before = self._acyclic_read
         super()._exchange_acyclic(now)
-        if self._acyclic_read != before:
-            self._round_ns = self.loop.now() - now
         if self._diagnosis_due(now):
             self._diagnosed = now
             self._read_diagnostics()
 
     def _lost(self, now: int) -> str:
         unread = f"alarms and warnings could not be read {self._unread} times"
-        return super()._lost(now) or (unread if self._unread >= ACYCLIC_FAILURES else "")
+        return super()._lost(now) or (unread if self._unread >= FAILURES else "")
 
     def _has_work(self, now: int) -> bool:
         return self._diagnosis_due(now) or super()._has_work(now)

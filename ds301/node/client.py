@@ -43,8 +43,8 @@ from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import Loss, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
+from pdgw.ds301.node.polling import POLL_NS, Polling
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
-from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, pdo_of
 
 log = logging.getLogger("gateway")
@@ -63,9 +63,8 @@ _FIRST_SIGN_NS: Final = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 _MISSED: Final = 4
 """So often may a TPDO be missed that does not come with each SYNC."""
-_ACYCLIC_PDO_NS: Final = 100 * MS
-ACYCLIC_FAILURES: Final = 3
-"""So often in a row may objects without PDO not be read before their values are too old."""
+FAILURES: Final = 3
+"""So often in a row may an object not be read before the node is lost."""
 _NEVER: Final = 1 << 62
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
@@ -129,14 +128,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """Counts completed configurations, so that the owner sees each restart exactly once."""
         self._old_length_errors = 0
         self._slots: list[TpdoSlot] = []
-        self._acyclic: list[Entry] = []
-        """Objects without a TPDO."""
-        self._acyclic_due = 0
-        self._acyclic_failures = 0
-        self._acyclic_read = 0
-        """When the last round that read them all began, monotonic nanoseconds."""
-        self._acyclic_until = _NEVER
-        """Afterwards their values are too old."""
+        self.polling = Polling()
+        """The objects that are read by SDO."""
         self._sending = False
         """The node is in operation and takes RPDOs."""
         self.heartbeat = Heartbeat(network, settings.node_id, self.sdo.doubles)
@@ -248,7 +241,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
         An empty attribute: the value is also read by SDO.
         """
-        read = {entry.attribute for entry in self._acyclic}
+        read = {item.entry.attribute for item in self.polling.objects}
         return [
             (slot.cob_id, slot.pdo.struct.format, ["" if name in read else name for name in slot.pdo.attributes])
             for slot in self._slots
@@ -451,8 +444,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._interrupted:
             return
         self.generation += 1
-        self._acyclic_due = self.loop.now() if self._acyclic else _NEVER
-        self._acyclic_until = self._acyclic_due + self._acyclic_limit_ns
+        self.polling.resume(self.loop.now())
         self._sending = True
         self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
 
@@ -480,9 +472,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._configure(plan)
         for slot in self._slots:
             self.network.subscribe_pdo(slot.cob_id, self._receiver(slot))
-        for entry in self._acyclic:
-            self._read_acyclic(entry)
-        self._acyclic_failures = 0
+        for _ in self.polling.objects:
+            self._poll()
         self.heartbeat.begin(self.settings.heartbeat_ms)
         self._started = self.loop.now()
         self._nmt(NmtCommand.START)
@@ -575,7 +566,7 @@ class NodeClient(abc.ABC, Generic[S]):
             slot.second = SecondTpdos(self.sdo.doubles, str(slot.pdo)) if item.pace is Pace.SYNC else None
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
-        self._acyclic = list(plan.read)
+        self.polling.begin(plan.read, self.loop.now())
         # A client that reads a long object must not delay what the owner commands and reads by SDO.
         self.sdo.longest_upload_ns = self._sdo_timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
         self._timeout_ns = settings.tpdo_limit_ns
@@ -696,7 +687,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _has_work(self, now: int) -> bool:
         """Whether the time has come for something of the task."""
-        return now >= self._check_at or now >= self._acyclic_due
+        return now >= self._check_at or now >= self.polling.due
 
     def _send_question(self, now: int) -> bool:
         """Begin to read an object without the task, which has no access now, nor a question. False: there is nothing to ask."""
@@ -777,10 +768,9 @@ class NodeClient(abc.ABC, Generic[S]):
             beats = heartbeat.time > min(slot.time for slot in overdue) + self._timeout_ns // 2
             check = f" while its heartbeats arrive; {_TPDO}" if beats else ""
             return f"no {', '.join(str(slot.pdo) for slot in overdue)} for {self._timeout_ns // MS} ms{check}"
-        if self._acyclic_failures >= ACYCLIC_FAILURES:
-            return f"objects without PDO could not be read {ACYCLIC_FAILURES} times"
-        if now > self._acyclic_until:
-            return f"objects without PDO were not read for {self._acyclic_limit_ns // MS} ms"
+        polling, limit = self.polling, FAILURES * (POLL_NS + self._sdo_timeout_ns)
+        if polling.objects and (unread := polling.unread(FAILURES, limit, now)):
+            return unread
         return self.network.outage_text if self.bus_failed else ""
 
     @property
@@ -797,23 +787,22 @@ class NodeClient(abc.ABC, Generic[S]):
             self._nmt(NmtCommand.STOP)
 
     def _exchange_acyclic(self, now: int) -> None:
-        """Objects for which the node has no PDO, read every 100 ms."""
-        if now >= self._acyclic_due:
-            self._acyclic_due = now + _ACYCLIC_PDO_NS
-            self._acyclic_failures += 1
-            for entry in self._acyclic:
-                self._read_acyclic(entry)
-            self._acyclic_failures = 0
-            self._acyclic_read = now
-            self._acyclic_until = now + self._acyclic_limit_ns
+        """Read the next object for which the node has no PDO, when it is due."""
+        if now >= self.polling.due:
+            self._poll()
+            if now >= self.polling.due:
+                self._wake.set()
 
-    @property
-    def _acyclic_limit_ns(self) -> int:
-        return ACYCLIC_FAILURES * (_ACYCLIC_PDO_NS + self._sdo_timeout_ns)
-
-    def _read_acyclic(self, entry: Entry) -> None:
-        signed = entry.type.char.islower()
-        setattr(self._image, entry.attribute, self.sdo.require(*entry.address, signed=signed))
+    def _poll(self) -> None:
+        item = self.polling.next(self.loop.now())
+        entry, sdo = item.entry, self.sdo
+        try:
+            value = sdo.require(*entry.address, signed=entry.type.char.islower())
+        except SdoCommunicationError:
+            item.miss(sdo.begun_ns)
+            raise
+        setattr(self._image, entry.attribute, value)
+        self.polling.answered(item, sdo.begun_ns, self.loop.now())
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 

@@ -70,6 +70,8 @@ class SdoAccess:
         """The answer to the last request, which was aborted, has arrived. Those to another client do not count."""
         self._transfer: Transfer | None = None
         """The last one that was begun, of an access or of a question."""
+        self.begun_ns = 0
+        """When its request was sent, monotonic nanoseconds."""
         self._then: Callable[[], None] | None = None
         """Called at its end, if it is a question."""
         self._ended = Event(self.loop)
@@ -252,7 +254,8 @@ class SdoAccess:
 
     def _begin(self, transfer: Transfer, *, first: bool = False) -> None:
         self._transfer, self._then, self.answers_late = transfer, None, False
-        transfer.begin(self.loop.now())
+        self.begun_ns = self.loop.now()
+        transfer.begin(self.begun_ns)
         self._send([transfer.request], first=first)
 
     def _send(self, frames: list[bytes], *, first: bool = False) -> None:

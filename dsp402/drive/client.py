@@ -109,7 +109,7 @@ class DriveClient(NodeClient[DriveSettings]):
         """Sends the parts of each command."""
         network.on_drop.append(self.rpdos.send_again)
         self._tpdos = TpdoCheck(sdo, self._mapping)
-        self.units = UnitCheck(sdo, feedback, lambda: self._acyclic_read, self._units_changed)
+        self.units = UnitCheck(sdo, feedback, self._velocity_asked, self._units_changed)
         """Reads its units, and its position if no TPDO contains it."""
         self.own_values = OwnValueKeeper(self._read_if_present, sdo.write, self._notify)
         """The drive's values of limits and ramps that the gateway overwrites."""
@@ -201,6 +201,10 @@ class DriveClient(NodeClient[DriveSettings]):
         if drive is None or plan is None:
             return ()
         return left_to_the_drive(drive.acting, self.settings.modes(drive), {entry.address for entry in plan.commanded})
+
+    def _velocity_asked(self) -> int:
+        item = self.polling.find("velocity_actual")
+        return 0 if item is None else item.asked_ns
 
     def _units_changed(self, text: str) -> None:
         self._notify(Notice.UNITS_CHANGED, text)

@@ -23,7 +23,7 @@ that time is unknown.
 
 
 class UnitCheck:
-    """Of one drive. ``acyclic_read``: when the objects without TPDO were read last.
+    """Of one drive. ``velocity_asked``: when a speed without TPDO was requested last.
 
     ``changed`` gets the text of a unit that another tool has changed.
     """
@@ -32,12 +32,12 @@ class UnitCheck:
         self,
         sdo: SdoAccess,
         feedback: DriveFeedback,
-        acyclic_read: Callable[[], int],
+        velocity_asked: Callable[[], int],
         changed: Callable[[str], None],
     ) -> None:
         self._sdo = sdo
         self._feedback = feedback
-        self._acyclic_read = acyclic_read
+        self._velocity_asked = velocity_asked
         self._changed = changed
         self.watch = UnitWatch({})
         self._position: TpdoSlot | None = None
@@ -80,7 +80,7 @@ class UnitCheck:
         watch, now = self.watch, self._sdo.loop.now()
         if address not in watch.last_values:
             # A drive that has left Operational still answers SDOs, but its last TPDO, with 606Ch, is outdated.
-            velocity_ns = max((slot.time for slot in self._velocities), default=self._acyclic_read())
+            velocity_ns = max((slot.time for slot in self._velocities), default=self._velocity_asked())
             since = watch.asked_ns - watch.read_ns
             if (now - watch.asked_ns) * _SDO_STEP <= since and velocity_ns > watch.read_ns:
                 self._feedback.position_actual, watch.read_ns = value, watch.asked_ns
