@@ -193,6 +193,7 @@ def _shape(name: str, keys: dict[str, Any]) -> Shape:
         keys["modes"] = frozenset(keys["modes"])
     if keys.pop("fixed_pdos", False):
         keys["fixed_pdos"] = _PREDEFINED
+    unmappable = {index for index, _ in _indices(keys.pop("unmappable", ()))}
     product_code = keys.pop("rpm", None)
     if product_code is not None:
         if "velocity_per_rpm" not in keys:
@@ -208,7 +209,12 @@ def _shape(name: str, keys: dict[str, Any]) -> Shape:
         values = _OPTION_CODES | _values(*units, keys["modes"]) | values
         keys["info"] = DeviceInfo("Nobody", f"Simulated drive {name}", _VENDOR_ID, product_code, REVISION)
         lacks |= _MANUFACTURER
-    return Shape(name, has=objects_with(values, lacks), lacks=lacks, **keys)
+    has = {spec.index: spec for spec in objects_with(values, lacks)}
+    for spec in _CATALOGUE:
+        if spec.index in unmappable:
+            entries = tuple(replace(entry, pdo=False) for entry in has.get(spec.index, spec).entries)
+            has[spec.index] = replace(spec, entries=entries)
+    return Shape(name, has=tuple(has.values()), lacks=lacks, **keys)
 
 
 _TABLES = tomllib.loads(option_values.SHAPES_FILE.read_text(encoding="utf-8"))
