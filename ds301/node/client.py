@@ -768,8 +768,7 @@ class NodeClient(abc.ABC, Generic[S]):
             beats = heartbeat.time > min(slot.time for slot in overdue) + self._timeout_ns // 2
             check = f" while its heartbeats arrive; {_TPDO}" if beats else ""
             return f"no {', '.join(str(slot.pdo) for slot in overdue)} for {self._timeout_ns // MS} ms{check}"
-        polling, limit = self.polling, FAILURES * (POLL_NS + self._sdo_timeout_ns)
-        if polling.objects and (unread := polling.unread(FAILURES, limit, now)):
+        if self.polling.objects and (unread := self._not_read(now)):
             return unread
         return self.network.outage_text if self.bus_failed else ""
 
@@ -785,6 +784,9 @@ class NodeClient(abc.ABC, Generic[S]):
             return
         if self.heartbeat.time == seen:
             self._nmt(NmtCommand.STOP)
+
+    def _not_read(self, now: int) -> str:
+        return self.polling.unread(FAILURES, FAILURES * (POLL_NS + self._sdo_timeout_ns), now)
 
     def _exchange_acyclic(self, now: int) -> None:
         """Read the next object for which the node has no PDO, when it is due."""

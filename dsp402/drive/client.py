@@ -34,6 +34,7 @@ from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeNotice, NodeStatus, Notice
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
+from pdgw.ds301.node.polling import PolledObject
 from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.ds301.pdo import PdoCapabilities, PdoLayout
 from pdgw.dsp402.acting import KEPT, Treatment, acting_in, left_to_the_drive, read_acting, readable
@@ -118,6 +119,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self._left_overs = LeftOvers(sdo, self._notify)
         self.zeroed: frozenset[ObjectAddress] = frozenset()
         """Objects that stay 0, because the drive would add them to the setpoint."""
+        self.polled_speed: PolledObject | None = None
+        """The actual speed, if it is read by SDO."""
         self._positions_by_sync = False
         """The drive gets a position for each SYNC, no setpoint of its own."""
         self._is_off = False
@@ -203,8 +206,7 @@ class DriveClient(NodeClient[DriveSettings]):
         return left_to_the_drive(drive.acting, self.settings.modes(drive), {entry.address for entry in plan.commanded})
 
     def _velocity_asked(self) -> int:
-        item = self.polling.find("velocity_actual")
-        return 0 if item is None else item.asked_ns
+        return 0 if self.polled_speed is None else self.polled_speed.asked_ns
 
     def _units_changed(self, text: str) -> None:
         self._notify(Notice.UNITS_CHANGED, text)
@@ -318,6 +320,7 @@ class DriveClient(NodeClient[DriveSettings]):
             entry.attribute != "target_velocity" for entry in self.rpdos.entries
         )
         self._tpdos.begin(self._slots)
+        self.polled_speed = self.polling.find("velocity_actual")
         self.units.begin(self._slots)
         self._position = ("position_actual", int(drive.scaling.counts_per_revolution or 0))
         if period_us:

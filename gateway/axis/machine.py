@@ -43,6 +43,7 @@ from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
 from pdgw.gateway.axis.settings import AxisSettings, LastStop, Missing, SecondSensor, missing, needed_quantities
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
+from pdgw.gateway.axis.supervision.polled_speed import PolledSpeed
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
 from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
@@ -65,6 +66,8 @@ from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
+_FOLLOWS: Final = ~(Flag.WITHIN_TOLERANCE | Flag.REACHED)
+"""Without what a drive shows that follows its setpoint."""
 _SET_POINT: Final = warning_bits(FaultNumber.SET_POINT)
 _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
@@ -137,6 +140,7 @@ class AxisMachine:
             settings.reaction_ns, settings.stop_time_ns, settings.enter_ns, evidence, disables=disables
         )
         self._check = VelocityCheck(settings.stop_time_ns, evidence)
+        self._polled = PolledSpeed(self.inputs, settings.reaction_ns, settings.stop_time_ns)
         self._order: Order = Order.NONE
         """That of the setpoint or of Halt, in operation."""
         self._brakes = True
@@ -244,15 +248,34 @@ class AxisMachine:
         feedback = inputs.feedback
         statusword, standstill = feedback.statusword, False
         if known:
-            window = self._window
-            inputs.standstill = standstill = -window <= feedback.velocity_actual <= window
+            if inputs.speed_asked_ns:
+                wish = self._read_polled_speed(wish)
+                standstill = inputs.standstill
+            else:
+                window = self._window
+                inputs.standstill = standstill = -window <= feedback.velocity_actual <= window
             condition = None if inputs.drive_ok else Drive.LOST
         else:
+            if inputs.speed_asked_ns:
+                self._read_polled_speed(wish)
             off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             powered = not off or enables(commanded)  # which the Statusword may not show yet
             condition = Drive.POWERED_UNREAD if powered else Drive.NO_REFERENCES
         self.interlock.step(wish, demand.acknowledge, condition, statusword, standstill, inputs.now)
         return wish
+
+    def _read_polled_speed(self, wish: PowerWish | None) -> PowerWish | None:
+        """Standstill by answers to requests after the last order. A ramp that lasts too long with an unknown speed: OFF3."""
+        inputs, polled, interlock, command = self.inputs, self._polled, self.interlock, self.outputs.command
+        polled.step(wish, interlock.cell.order, command.controlword, command.target_velocity, self._window)
+        if self._follows_speed and polled.is_old:
+            self._late = True
+        if not polled.ramps_blindly(self._stop.reference, ramps=interlock.phase is Phase.RAMP_STOP):
+            return wish
+        age = (inputs.now - inputs.speed_asked_ns) / SECOND
+        detail = f"606Ch by SDO is {age:.1f} s old, and the ramp must have ended: the gateway commands Quick Stop"
+        self.outputs.found.append((FaultNumber.STOP_IGNORED, detail))
+        return PowerWish.QUICK_STOP
 
     def _step_motion(self, known: bool, wish: PowerWish | None) -> tuple[Reason | None, int, Report]:
         """The command to the drive and what it shows: why the axis does not do what the PLC requests, all flags, the values."""
@@ -281,7 +304,7 @@ class AxisMachine:
         if inputs.unacknowledged:
             flags |= SHOWN_FAULT
         if self._late:
-            flags &= ~Flag.WITHIN_TOLERANCE
+            flags &= _FOLLOWS
         if self._node.unproven:
             self._node.step(inputs.now)
         outputs.warning = warning = self._warnings()
@@ -313,7 +336,11 @@ class AxisMachine:
         operating = action is _ENABLE_OPERATION or action is _PASS
         if known and self._check.is_due(operating, velocity, now):
             found = self._check.step(
-                self.executor.speeds(), velocity, feedback.position_actual, inputs.position_ns, now
+                self.executor.speeds(),
+                velocity,
+                feedback.position_actual,
+                inputs.position_ns,
+                inputs.speed_asked_ns or now,
             )
             self._order = self._order_in_operation(command)
             self._late = self._stop.late or self._check.is_late(now)
@@ -375,6 +402,7 @@ class AxisMachine:
         inputs, outputs, stop, window = self.inputs, self.outputs, self._stop, self._window
         feedback, now = inputs.feedback, inputs.now
         velocity, position = feedback.velocity_actual, feedback.position_actual
+        velocity_ns = inputs.speed_asked_ns or now
         if order is Order.ENTER or (order and not outputs.known_off):
             state = STATE_OF_STATUS[feedback.statusword & STATE_MASK]
             fault = stop.step(
@@ -383,10 +411,12 @@ class AxisMachine:
                 inputs.drive_ok,
                 inputs.node_stopped,
                 velocity,
+                velocity_ns,
                 position,
                 inputs.position_ns,
                 window,
                 now,
+                standstill_unknown=inputs.standstill_unknown,
             )
             if fault is not None:
                 self._report_stop(order, fault)
@@ -395,7 +425,7 @@ class AxisMachine:
         elif stop.began >= 0:
             if not outputs.known_off or not inputs.drive_ok:
                 stop.over()
-            elif stop.coast(velocity, window, now):
+            elif stop.coast(velocity, window, velocity_ns):
                 outputs.found.append((FaultNumber.TURNS_OFF, f"speed {velocity}"))
         if stop.late and inputs.standstill:
             stop.late = False

@@ -191,6 +191,12 @@ class Inputs:
     """The drive is configured and its data is fresh."""
     standstill: bool = False
     """The actual speed is inside the standstill window; the step sets it."""
+    standstill_unknown: bool = False
+    """The axis may turn or not: its speed is read by SDO, and its answers say neither; the step sets it."""
+    speed_asked_ns: int = 0
+    """When the newest speed of the feedback was requested by SDO; 0: a TPDO has it."""
+    speed_until_ns: int = 0
+    """Afterwards this speed is old."""
     position_ns: int = 0
     """When the newest position of the feedback (6064h) came; 0 never."""
     node_stopped: bool = False

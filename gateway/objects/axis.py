@@ -162,7 +162,11 @@ class Axis(DriveObject):
         inputs.position_ns = drive.units.position_ns
         if drive.generation != self._generation:
             self._generation = drive.generation
+            inputs.speed_asked_ns = 0
             inputs.news.append(Configured(drive.drive_type, drive.homing_method))
+        if drive.polled_speed is not None:
+            inputs.speed_asked_ns = drive.polled_speed.asked_ns
+            inputs.speed_until_ns = drive.polled_speed.until_ns
         if self._news or self._future is not None:
             self._deliver(inputs.news)
         if machine.sensor is not None:
@@ -188,8 +192,6 @@ class Axis(DriveObject):
         if events is not None or outputs.writes is not None or outputs.reason is not self._reported_reason:
             self.stops = self.stops or outputs.reason not in (None, self._reported_reason)
             self._serve(outputs)
-            if events is not None and events.read_fault:
-                drive.submit(self._read_fault)
         if outputs.warning != self._warning or machine.lags_since != self._lags_since:
             self._watch(outputs.warning, machine.lags_since)
         if outputs.released is not (self.origins.present is None):
@@ -282,7 +284,8 @@ class Axis(DriveObject):
     @property
     def turns(self) -> bool:
         """Its shaft is known to turn: faster than the standstill window."""
-        return self.good and self.machine.usable and not self.machine.inputs.standstill
+        inputs = self.machine.inputs
+        return self.good and self.machine.usable and not inputs.standstill and not inputs.standstill_unknown
 
     @property
     def scaling(self) -> Scaling:
@@ -309,6 +312,8 @@ class Axis(DriveObject):
         if outputs.reason is not self._reported_reason and outputs.reason in _UNFOLLOWED:
             self.network.loop.call_later(PATIENCE_NS, self._ask_controlword)
         super()._serve(outputs)
+        if outputs.events is not None and outputs.events.read_fault:
+            self.drive.submit(self._read_fault)
 
     def _ask_controlword(self) -> None:
         """The drive does not follow ON: does it have the Controlword that was sent?"""

@@ -136,7 +136,7 @@ NO_SPEED: Final = -(1 << 63)
 """Recorded speed of an encoder without a speed."""
 _TIMES: Final = {"position_actual": "position_ns", "position": "position_time"}
 """Values whose time of arrival is a value too."""
-_KNOWN: Final = {"now", "standstill", "saturations"}
+_KNOWN: Final = {"now", "standstill", "standstill_unknown", "saturations"}
 """Values that need not be recorded: the cycle has the first, and the step sets the others itself."""
 _BY_FRAMES: Final = MASK.pack(0)
 _SENT: Final = MASK.pack(SENT)
@@ -340,6 +340,8 @@ class StepRecord:
         """The PDOs of the devices: bus, COB-ID, format, and the names of their values in the step."""
         groups = self.traced.groups
         missing = {*groups["feedback"], *groups["command"], *groups["sensors"], "position_ns"}
+        if any(client.polling.find("velocity_actual") is not None for client, _ in self._devices):
+            missing |= {"speed_asked_ns", "speed_until_ns"}
         found: list[tuple[str, int, str, Sequence[str]]] = []
         for client, names_of in self._devices:
             bus = client.network.name

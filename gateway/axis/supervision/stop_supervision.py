@@ -67,8 +67,10 @@ class StopWatch:
         """When the stop was commanded first, or the speed of a drive without power fell last; -1 while no stop is watched."""
         self._speed = 0
         """The speed from which the drive brakes."""
+        self._line_at = -1
+        """When the first speed after the order was measured: ``began``, or when it was requested by SDO; -1: none has come."""
         self._at = self._spared = 0
-        """When ``step`` was called last; time of the present order that does not count."""
+        """When the last speed was measured; time of the present order that does not count."""
         self._fell = self._slow = -1
         """When the speed fell last under Halt, and when it was last below what Halt allows without a task."""
         self._growth = Growth(SAMPLE_NS)
@@ -107,7 +109,7 @@ class StopWatch:
 
     def _restart(self) -> None:
         self.order = Order.NONE
-        self.began = self._fell = self._slow = -1
+        self.began = self._line_at = self._fell = self._slow = -1
         self._speed = 0
         self.brake = Brake.NONE
         self._left()
@@ -124,16 +126,20 @@ class StopWatch:
         seen: bool,
         node_stopped: bool,
         velocity: int,
+        velocity_ns: int,
         position: int,
         position_ns: int,
         window: int,
         now: int,
+        *,
+        standstill_unknown: bool = False,
     ) -> FaultNumber | None:
         """One cycle of an order; the fault, once, if the drive does not follow it in time.
 
         ``state``: what the drive shows. ``seen``: its values are fresh. ``node_stopped``: its heartbeat reports Stopped.
-        ``velocity``: actual speed, standstill within ``window``. ``position`` came at ``position_ns``. ``now``: monotonic
-        nanoseconds.
+        ``velocity``: actual speed at ``velocity_ns``, standstill within ``window``; an older one is compared with the line of its
+        time. ``standstill_unknown``: it is too old, or too few have come. ``position`` came at ``position_ns``. Times are
+        monotonic nanoseconds.
         """
         if order is not self.order:
             if order in QUICK_STOPS or self.order in QUICK_STOPS:
@@ -145,26 +151,32 @@ class StopWatch:
         if self.brake is not Brake.NONE or not seen:
             return None
         if self.began < 0:
-            self.began = self._at = now
-            self._speed, self._spared = speed, 0
-            self._growth.restart(speed, now)
-            self._stop_growth.restart(speed, now)
-            self._slow = now
-        elif now - self.began <= self._reaction:
+            self.began = now
+            self._speed = self.reference
+        at = velocity_ns
+        if self._line_at < 0:
+            if at >= self.began:
+                self._line_at = self._at = self._slow = at
+                self._speed, self._spared = speed, 0
+                self._growth.restart(speed, at)
+                self._stop_growth.restart(speed, at)
+        elif at - self._line_at <= self._reaction:
             self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
             if order is Order.HALT:
-                self._growth.restart(speed, now)
-        if order is Order.ZERO:
-            self._spared += self._evidence.spares(-window, window, now - self._at)
-        self._at = now
+                self._growth.restart(speed, at)
+        measured = self._line_at >= 0
+        if measured and order is Order.ZERO:
+            self._spared += self._evidence.spares(-window, window, at - self._at)
+        self._at = at
         fault: FaultNumber | None = None
-        if self._grows(order, speed, window, now):
+        slow = standstill_unknown or speed <= window
+        if measured and self._grows(order, speed, window, at):
             fault = FaultNumber.VELOCITY
-        elif self._stays(order, state, speed <= window, position, position_ns, window, now) or self._turns(
-            line, speed, window, now
+        elif self._stays(order, state, slow, position, position_ns, window, now) or (
+            measured and self._turns(line, speed, window, at)
         ):
             fault = ORDERS[order].fault
-        if fault is not None and self._spared and not self._turns(line, speed, window, now - self._spared):
+        if fault is not None and self._spared and not self._turns(line, speed, window, at - self._spared):
             self._evidence.excuse()
             fault = None
         if fault is None:
@@ -230,7 +242,7 @@ class StopWatch:
 
     def _turns(self, line: Line, speed: int, window: int, now: int) -> bool:
         """Whether the speed is above its line."""
-        since = now - self.began
+        since = now - self._line_at
         if speed <= window:
             if line is Line.HALT:
                 self._restart()  # the next motion has its own time

@@ -17,6 +17,8 @@ from pdgw.gateway.base.reasons import FaultNumber
 
 _COMPARE_NS: Final = 20 * MS
 """Speeds are compared so often: the cycle has no time for more. The way they make is added up in every cycle."""
+_OLDER_NS: Final = 3 * SAMPLE_NS
+"""A speed that is older than the position by more than this is not that of the same motion."""
 _FAULT: Final = 5.0
 """Largest factor between position and speed, in either direction."""
 _OVERSPEED: Final = 1.5
@@ -106,7 +108,8 @@ class VelocityCheck:
         """What does not fit, when it is found. After ``FaultNumber.VELOCITY`` the units count as unknown.
 
         ``speeds``: the lowest and the highest that the drive is sent, None where it follows something else. ``position``,
-        ``position_ns``: the newest 6064h and when it came, 0 never. Times are monotonic nanoseconds.
+        ``position_ns``: the newest 6064h and when it came, 0 never. ``now``: the cycle, or when the speed was requested by
+        SDO: it may be older than the position. Times are monotonic nanoseconds.
         """
         compared = self._compared
         elapsed, self._compared_at = now - self._compared_at, now
@@ -122,6 +125,9 @@ class VelocityCheck:
             if text:
                 return FaultNumber.VELOCITY, text
         if compared.counts_per_unit and position_ns - compared.position_ns >= SAMPLE_NS:
+            if position_ns - now > _OLDER_NS:
+                compared.restart()
+                return None
             difference = compared.compare(velocity, position, position_ns)
             return None if difference is None else self._contradiction(difference)
         return None

@@ -112,6 +112,20 @@ def test_a_drive_without_profile_velocity_is_replayed(tmp_path: Path) -> None:
     assert not differences(replay_of(tmp_path))
 
 
+def test_a_drive_whose_speed_is_read_by_sdo_is_replayed_with_its_late_answers(tmp_path: Path) -> None:
+    with recorded(configuration(axis(1, more="")), tmp_path) as plc:
+        drive = world_of(plc.daemon).drive("world", 1, shape=shape("speed-by-sdo"))
+        until(plc.daemon, lambda: plc.daemon.axes[0].drive.generation, "online")
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": 0x3300})
+        plc.exchange(100)
+        drive.do(lambda node: node.start_fault("sdo-answers-of-object-late"))
+        plc.exchange(50)
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 1, "off")
+    assert not differences(replay_of(tmp_path))
+
+
 @pytest.mark.planted
 def test_a_changed_rule_is_the_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with recorded(configuration(axis(1)), tmp_path) as plc:

@@ -34,8 +34,11 @@ from tests.support.gateways.recorded_daemon import differences, recorded, record
 from tests.support.gateways.seen_steps import SeenSteps
 
 TWO_BYTES = 2
-DERIVED = {"fresh", "position_ns", "standstill", "now", "saturations"}
-"""The frames have them, or the machine sets them."""
+DERIVED = {"fresh", "position_ns", "standstill", "standstill_unknown", "now", "saturations"} | {
+    "speed_asked_ns",
+    "speed_until_ns",
+}
+"""The frames have them, the machine sets them, or they change only where the speed is read by SDO."""
 
 
 def numbers(item: object) -> list[str]:

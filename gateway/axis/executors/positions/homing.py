@@ -147,7 +147,7 @@ class Homing:
         ended = statusword & _ENDED == _ENDED
         if not ended:
             self._turned_ended = False
-        elif not inputs.standstill:
+        elif not inputs.standstill and not inputs.standstill_unknown:
             self._turned_ended = True
         if inputs.now - self._started < self._latency:
             return HomingResult.RUNNING

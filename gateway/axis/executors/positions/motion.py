@@ -233,6 +233,11 @@ class MotionExecutor(Executor):
         return self.inputs.standstill and (self._shows_reached or self.feedback.velocity_actual == 0)
 
     @property
+    def _turns(self) -> bool:
+        """The axis is not at standstill."""
+        return not (self.inputs.standstill or self.inputs.standstill_unknown)
+
+    @property
     def _shows_reached(self) -> bool:
         """The drive shows "target reached"."""
         return self.feedback.statusword & StatusBit.TARGET_REACHED != 0
@@ -274,7 +279,7 @@ class MotionExecutor(Executor):
         self._taking.read(self._acknowledges, inputs.now)
         if inputs.standstill:
             bits |= Seen.STANDSTILL
-        else:
+        elif not inputs.standstill_unknown:
             self._effect.withdraw()
             if self._stopped_by_halt is _UNMOVED:
                 self._stopped_by_halt = _STOPPED
@@ -289,7 +294,7 @@ class MotionExecutor(Executor):
         self._blocked = False
         if operates:
             mode.asked = False
-            if self._released() and not self._keeps_still():
+            if self._released() and not self._keeps_still() and not inputs.standstill_unknown:
                 self._stopped_by_halt = _CONTINUED
             extra = self._execute(before, reason)
             if not mode.asked:
@@ -365,7 +370,7 @@ class MotionExecutor(Executor):
 
     def _rest(self) -> int:
         """Without a function: Halt while the axis turns, and until the next function if it turns again without Halt."""
-        if self._rested and not self.inputs.standstill and self._mode.shows_base():
+        if self._rested and self._turns and self._mode.shows_base():
             self._stopped_by_halt = _CONTINUED
         if not self._stays_halted() and self._rests:
             if self._halted and self._shows_reached:
@@ -457,7 +462,7 @@ class MotionExecutor(Executor):
     def _stays_halted(self) -> bool:
         """Without a function: whether the drive continues what Halt has stopped, with a warning."""
         positioner, outputs = self.positioner, self.outputs
-        if self._continued and not self._moved and not self.inputs.standstill:
+        if self._continued and not self._moved and self._turns:
             positioner.warn(None)
             outputs.warn(FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}")
         if self._moved and positioner.course.warning is None:

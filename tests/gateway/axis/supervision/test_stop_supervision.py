@@ -52,7 +52,7 @@ def made_watch(reaction: int, stop_time: int, enter: int, *, disables: bool = Tr
 
 def watched(watch: StopWatch, order: Order, state: State | None, now: int, velocity: int = 0) -> bool:
     """One cycle with a drive whose position does not come; whether it is late."""
-    return watch.step(order, state, True, False, velocity, 0, 0, 30, now) is not None
+    return watch.step(order, state, True, False, velocity, now, 0, 0, 30, now) is not None
 
 
 def numbers(bench: Bench) -> list[int]:

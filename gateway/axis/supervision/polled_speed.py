@@ -1,0 +1,81 @@
+"""What is known of the speed of a drive that has it in no TPDO: each value is as old as its request by SDO.
+
+An old value is unknown: the shaft neither turns nor is at standstill by it. Source: docs/safety.md "Speed by SDO".
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pdgw.ds301.node.polling import OLDEST_NS
+from pdgw.dsp402.states import ControlBit
+from pdgw.gateway.axis.demand_report import PowerWish
+from pdgw.gateway.axis.orders import Order
+from pdgw.gateway.axis.supervision.stop_supervision import RAMP_MARGIN
+from pdgw.gateway.axis.values import Inputs
+
+ANSWERS: Final = 2
+"""So many answers in succession that were requested after an order are a standstill."""
+_ORDERS: Final = ControlBit.HALT | ControlBit.NEW_SETPOINT
+"""Bits of the Controlword whose rise starts or stops a motion."""
+
+
+class PolledSpeed:
+    """One axis. Call ``step`` in each cycle. Times in nanoseconds, as those of ``StopWatch``."""
+
+    def __init__(self, inputs: Inputs, reaction_ns: int, stop_time_ns: int) -> None:
+        self._inputs = inputs
+        self._reaction = reaction_ns
+        self._stopped_within = RAMP_MARGIN * stop_time_ns
+        self._order: tuple[PowerWish | None, Order, int] | None = None
+        self._word = 0
+        self._ordered_at = 0
+        self._asked = 0
+        """Request of the newest answer."""
+        self._still = 0
+        """Number of answers inside the standstill window, in succession and requested after the order."""
+        self._ramp_at = -1
+        """When the present ramp stop began; -1 without one."""
+        self._from, self._from_at = 0, 0
+        """The speed that was known last in it, and when."""
+
+    @property
+    def is_old(self) -> bool:
+        """The speed is unknown."""
+        return self._inputs.now > self._inputs.speed_until_ns
+
+    def step(self, wish: PowerWish | None, order: Order, word: int, target: int, window: int) -> None:
+        """One cycle: write to the inputs whether the axis is at standstill, and whether that is unknown.
+
+        ``wish``: the request of the PLC in this cycle. ``order``, ``word`` (Controlword) and ``target`` (60FFh) are the last
+        ones. ``window``: of standstill.
+        """
+        inputs = self._inputs
+        given = wish, order, (target > window) - (target < -window)
+        if given != self._order or word & ~self._word & _ORDERS:
+            self._order, self._ordered_at, self._still = given, inputs.now, 0
+        self._word = word
+        slow = abs(inputs.feedback.velocity_actual) <= window
+        if inputs.speed_asked_ns != self._asked:
+            self._asked = asked = inputs.speed_asked_ns
+            self._still = self._still + 1 if slow and asked > self._ordered_at else 0
+        inputs.standstill = self._still >= ANSWERS and not self.is_old
+        inputs.standstill_unknown = not inputs.standstill and (slow or self.is_old)
+
+    def ramps_blindly(self, reference: int, *, ramps: bool) -> bool:
+        """Call after ``step``: whether a ramp stop has lasted as long as it may with an unknown standstill.
+
+        ``reference``: 100 % speed. A ramp lasts as from the last known speed, and at most as from 100 %.
+        """
+        inputs, now = self._inputs, self._inputs.now
+        if not ramps:
+            self._ramp_at = -1
+            return False
+        if self._ramp_at < 0:
+            self._ramp_at, self._from, self._from_at = now, reference, now
+        if not self.is_old:
+            self._from, self._from_at = abs(inputs.feedback.velocity_actual), max(self._ramp_at, self._asked)
+        lasts = self._stopped_within * self._from // max(1, reference)
+        known = self._from_at + max(lasts, ANSWERS * OLDEST_NS)
+        end = min(known, self._ramp_at + self._stopped_within) + self._reaction
+        return inputs.standstill_unknown and now > end
