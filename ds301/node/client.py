@@ -13,6 +13,7 @@ import struct
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
+from types import MappingProxyType
 from typing import ClassVar, Final, Generic, Self, TypeVar
 
 import canopen
@@ -93,6 +94,8 @@ class NodeClient(abc.ABC, Generic[S]):
     """One node. ``on_event`` is called whenever something happens to it that the owner must know."""
 
     kind: ClassVar[DeviceKind]
+    unknown: ClassVar[Mapping[str, int]] = MappingProxyType({})
+    """What stands in the image for a value that is read by SDO and old, by attribute; the others stay as they are."""
 
     def __init__(
         self,
@@ -768,7 +771,7 @@ class NodeClient(abc.ABC, Generic[S]):
             beats = heartbeat.time > min(slot.time for slot in overdue) + self._timeout_ns // 2
             check = f" while its heartbeats arrive; {_TPDO}" if beats else ""
             return f"no {', '.join(str(slot.pdo) for slot in overdue)} for {self._timeout_ns // MS} ms{check}"
-        if self.polling.objects and (unread := self._not_read(now)):
+        if self.polling.objects and (unread := self._check_ages(now)):
             return unread
         return self.network.outage_text if self.bus_failed else ""
 
@@ -785,7 +788,11 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.heartbeat.time == seen:
             self._nmt(NmtCommand.STOP)
 
-    def _not_read(self, now: int) -> str:
+    def _check_ages(self, now: int) -> str:
+        """Old values are unknown. Returns why they are so old that the node is lost; empty if it is not."""
+        for item in self.polling.objects:
+            if now > item.until_ns and (name := item.entry.attribute) in self.unknown:
+                setattr(self._image, name, self.unknown[name])
         return self.polling.unread(FAILURES, FAILURES * (POLL_NS + self._sdo_timeout_ns), now)
 
     def _exchange_acyclic(self, now: int) -> None:

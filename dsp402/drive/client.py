@@ -39,7 +39,7 @@ from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.ds301.pdo import PdoCapabilities, PdoLayout
 from pdgw.dsp402.acting import KEPT, Treatment, acting_in, left_to_the_drive, read_acting, readable
 from pdgw.dsp402.drive.guarding import Guarding, guard, interpolation_steps
-from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive.left_overs import OFF, LeftOvers
 from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.drive.own_values import OwnValueKeeper
@@ -81,6 +81,7 @@ class DriveClient(NodeClient[DriveSettings]):
     """One drive. ``on_event`` is called whenever something happens to it that the owner must know."""
 
     kind = DeviceKind("drive", "a drive", DRIVE_PROFILE, Dsp402Error)
+    unknown = UNKNOWN
 
     def __init__(
         self,
@@ -120,7 +121,11 @@ class DriveClient(NodeClient[DriveSettings]):
         self.zeroed: frozenset[ObjectAddress] = frozenset()
         """Objects that stay 0, because the drive would add them to the setpoint."""
         self.polled_speed: PolledObject | None = None
-        """The actual speed, if it is read by SDO."""
+        """The actual speed, if it is read by SDO,"""
+        self.polled_position: PolledObject | None = None
+        """and the position."""
+        self.polls = False
+        """One of them is."""
         self._positions_by_sync = False
         """The drive gets a position for each SYNC, no setpoint of its own."""
         self._is_off = False
@@ -321,6 +326,8 @@ class DriveClient(NodeClient[DriveSettings]):
         )
         self._tpdos.begin(self._slots)
         self.polled_speed = self.polling.find("velocity_actual")
+        self.polled_position = self.polling.find("position_actual")
+        self.polls = self.polled_speed is not None or self.polled_position is not None
         self.units.begin(self._slots)
         self._position = ("position_actual", int(drive.scaling.counts_per_revolution or 0))
         if period_us:

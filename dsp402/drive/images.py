@@ -5,12 +5,18 @@ Attribute names are those of the object catalogue (a test compares them). Values
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import Final
 
 from pdgw.dsp402.modes import Mode
 
 DEMAND_UNKNOWN: Final = -(1 << 31)
 """``DriveFeedback.velocity_demand`` until the drive has sent one."""
+
+UNKNOWN: Final = MappingProxyType(
+    {"velocity_demand": DEMAND_UNKNOWN, "current_actual": 0, "modes_of_operation_display": 0}
+)
+"""Values of ``DriveFeedback`` that are evidence of nothing, for those that are old."""
 
 
 class DriveCommand:

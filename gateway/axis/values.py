@@ -199,6 +199,10 @@ class Inputs:
     """Afterwards this speed is old."""
     position_ns: int = 0
     """When the newest position of the feedback (6064h) came; 0 never."""
+    position_asked_ns: int = 0
+    """When this position was requested by SDO; 0: a TPDO has it."""
+    position_old: bool = False
+    """It is too old to count."""
     node_stopped: bool = False
     """The heartbeat of the drive says Stopped (NMT)."""
     fault_code: int = 0

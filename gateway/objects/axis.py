@@ -32,7 +32,7 @@ from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
-from pdgw.gateway.axis.values import Configured, FaultRead, FaultRecord, Outputs
+from pdgw.gateway.axis.values import Configured, FaultRead, FaultRecord, Inputs, Outputs
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
 from pdgw.gateway.base.steps import Remedy
 from pdgw.gateway.base.store import ConfirmedUnits
@@ -162,11 +162,11 @@ class Axis(DriveObject):
         inputs.position_ns = drive.units.position_ns
         if drive.generation != self._generation:
             self._generation = drive.generation
-            inputs.speed_asked_ns = 0
+            inputs.speed_asked_ns = inputs.position_asked_ns = 0
+            inputs.position_old = False
             inputs.news.append(Configured(drive.drive_type, drive.homing_method))
-        if drive.polled_speed is not None:
-            inputs.speed_asked_ns = drive.polled_speed.asked_ns
-            inputs.speed_until_ns = drive.polled_speed.until_ns
+        if drive.polls:
+            self._read_ages(inputs)
         if self._news or self._future is not None:
             self._deliver(inputs.news)
         if machine.sensor is not None:
@@ -225,6 +225,14 @@ class Axis(DriveObject):
             self.origins.released(now)
         else:
             self.origins.present = self._origin(now)
+
+    def _read_ages(self, inputs: Inputs) -> None:
+        """When the speed and the position were requested that are read by SDO."""
+        speed, position = self.drive.polled_speed, self.drive.polled_position
+        if speed is not None:
+            inputs.speed_asked_ns, inputs.speed_until_ns = speed.asked_ns, speed.until_ns
+        if position is not None:
+            inputs.position_asked_ns, inputs.position_old = position.asked_ns, inputs.now > position.until_ns
 
     def _origin(self, now: int) -> Origin:
         """That of the stop of this step, if no fault of it is reported."""

@@ -136,6 +136,11 @@ NO_SPEED: Final = -(1 << 63)
 """Recorded speed of an encoder without a speed."""
 _TIMES: Final = {"position_actual": "position_ns", "position": "position_time"}
 """Values whose time of arrival is a value too."""
+_AGES: Final = {
+    "velocity_actual": ("speed_asked_ns", "speed_until_ns"),
+    "position_actual": ("position_asked_ns", "position_old"),
+}
+"""What belongs to a value of a drive that is read by SDO."""
 _KNOWN: Final = {"now", "standstill", "standstill_unknown", "saturations"}
 """Values that need not be recorded: the cycle has the first, and the step sets the others itself."""
 _BY_FRAMES: Final = MASK.pack(0)
@@ -340,8 +345,8 @@ class StepRecord:
         """The PDOs of the devices: bus, COB-ID, format, and the names of their values in the step."""
         groups = self.traced.groups
         missing = {*groups["feedback"], *groups["command"], *groups["sensors"], "position_ns"}
-        if any(client.polling.find("velocity_actual") is not None for client, _ in self._devices):
-            missing |= {"speed_asked_ns", "speed_until_ns"}
+        for client, _ in self._devices:
+            missing |= {name for item in client.polling.objects for name in _AGES.get(item.entry.attribute, ())}
         found: list[tuple[str, int, str, Sequence[str]]] = []
         for client, names_of in self._devices:
             bus = client.network.name

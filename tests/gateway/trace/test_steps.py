@@ -37,6 +37,8 @@ TWO_BYTES = 2
 DERIVED = {"fresh", "position_ns", "standstill", "standstill_unknown", "now", "saturations"} | {
     "speed_asked_ns",
     "speed_until_ns",
+    "position_asked_ns",
+    "position_old",
 }
 """The frames have them, the machine sets them, or they change only where the speed is read by SDO."""
 

@@ -66,6 +66,8 @@ OF: Final[dict[type, dict[str, Any]]] = {
     MotionExecutor: {
         "INSTANTS": {"_set_at": ACKNOWLEDGE_NS},
         "PASSING": frozenset({"_position_objects", "_drive_scaling"}),
+        # No position of the walk is read by SDO.
+        "ASIDE": frozenset({"_attained_at"}),
     },
     PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},
     # No position of the walk is half of the numbers away from the one before: the count is the position.
@@ -112,6 +114,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "ASIDE": frozenset({"_at"}),
         "INSTANTS": lambda item: {
             "began": item._stopped_within + 1,
+            "_line_at": item._stopped_within + 1,
             "_fell": item._stop_time + 1,
             "_slow": _OVER_NS + 1,
             "_ignored_since": max(item._enter, item._stopped_within, item._reaction) + 1,
@@ -143,9 +146,11 @@ OF: Final[dict[type, dict[str, Any]]] = {
                 "encoders_ok",
                 "gateway_stops",
                 "node_stopped",
+                "position_old",
                 "set_point_refused",
                 "setpoints",
                 "standstill",
+                "standstill_unknown",
                 "unacknowledged",
             }
         ),

@@ -119,6 +119,8 @@ class MotionExecutor(Executor):
         """The axis was at rest without Halt, and no motion has begun since."""
         self._attained = 0
         """Cycles since the drive said that it has its zero."""
+        self._attained_at = 0
+        """When it said so first."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         HALT_SWITCHES_OFF.check(drive.acting)
@@ -322,7 +324,7 @@ class MotionExecutor(Executor):
         """Read "target reached"; ``executes``: the drive works on the newest setpoint. Returns bits of ``Seen``."""
         if not executes or not self._mode.shows_base():
             return 0
-        reached = self._shows_reached and not self._waits_for_motion and not self._ends_short()
+        reached = self._shows_reached and not (self.inputs.position_old or self._waits_for_motion or self._ends_short())
         bits = Seen.REACHED if reached else 0
         return bits | Seen.ANSWERED if self._arrival.read(reached, self.inputs.now) else bits
 
@@ -516,7 +518,9 @@ class MotionExecutor(Executor):
             progress = homing.run()
             if progress is HomingResult.ATTAINED:
                 self._attained += 1
-                if self._attained > self.POSITION_FOLLOWS:
+                if self._attained == 1:
+                    self._attained_at = self.inputs.now
+                if self._attained > self.POSITION_FOLLOWS and self._has_new_position:
                     self._homing_ends(HomingResult.ATTAINED)
             elif progress is HomingResult.FAILED:
                 self._homing_ends(HomingResult.FAILED)
@@ -531,6 +535,12 @@ class MotionExecutor(Executor):
             self._end_stopped_setpoint()
             return NEW_SETPOINT
         return self._halt_before_homing()
+
+    @property
+    def _has_new_position(self) -> bool:
+        """The position counts from the new zero, as far as it is read by SDO."""
+        asked = self.inputs.position_asked_ns
+        return not asked or asked > self._attained_at
 
     def _halt_before_homing(self) -> int:
         """Halt stays until the mode has to change, and rises again if the drive continues what Halt has stopped."""

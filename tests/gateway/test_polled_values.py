@@ -1,18 +1,23 @@
-"""A drive whose speed no TPDO has: it is read by SDO, its answers are late or lost, and an old one counts for nothing."""
+"""A drive whose speed or other values no TPDO has: the answers by SDO are late or lost, and an old one counts for nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
 from pdgw.base.durations import MS, SECOND
+from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.daemon.daemon import Daemon
-from pdgw.peers.drive import SimulatedDrive, shape
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, online, running, world_of
+from pdgw.peers.drive import Shape, SimulatedDrive, shape
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario_file import load_scenario
+from tests.gateway.test_motion_daemon import HOME_SET, SCENARIO
+from tests.support.gateways.daemon import OFF, POSITIONER, Plc, axis, configuration, online, running, world_of
 
 FULL = 0x4000
 FAST = 0x3300
@@ -21,11 +26,27 @@ LATE = ("sdo-answers-of-object-late", {"delay_ms": 400})
 LOST = ("sdo-answers-of-object-missing", {})
 
 
+def without_pdo(*indices: int, base: str = "rpm") -> Shape:
+    """A drive that has these objects in no PDO."""
+    like = shape(base)
+    own = {spec.index: spec for spec in like.has}
+    for spec in like.objects():
+        if spec.index in indices:
+            entries = tuple(replace(entry, pdo=False) for entry in spec.entries)
+            own[spec.index] = replace(spec, entries=entries)
+    return replace(like, has=tuple(own.values()))
+
+
+SPEED_BY_SDO = without_pdo(0x606C)
+
+
 @contextmanager
-def polled(more: str = "", number: int = 1) -> Iterator[tuple[Daemon, SimulatedDrive, Plc]]:
+def polled(
+    more: str = "", number: int = 1, *, like: Shape = SPEED_BY_SDO
+) -> Iterator[tuple[Daemon, SimulatedDrive, Plc]]:
     """A drive in operation, with a speed that is read by SDO."""
     with running(configuration(axis(1, telegram_number=number, more=more), transport="cycle_time_ms = 4")) as daemon:
-        drive = world_of(daemon).drive("world", 1, shape=shape("speed-by-sdo"))
+        drive = world_of(daemon).drive("world", 1, shape=like)
         online(daemon)
         plc = Plc(daemon, [number])
         plc.enable()
@@ -148,3 +169,50 @@ def test_fast_changes_of_the_speed_between_late_answers_contradict_no_position()
             plc.endpoint.set(0, {"NSOLL_B": speed << 16})
             _for(plc, 1200 * MS)
         assert _faults(daemon) == []
+
+
+# -- other values that decide -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "indices", [(0x606C,), (0x6064,), (0x606C, 0x6064, 0x6061)], ids=lambda item: f"{item[-1]:04X}h"
+)
+def test_the_scenario_of_the_positioner_passes_with_values_by_sdo(indices: tuple[int, ...]) -> None:
+    with running(configuration(axis(1, telegram_number=111, more=POSITIONER))) as daemon:
+        world_of(daemon).drive("world", 1, shape=without_pdo(*indices, base="synchronous"))
+        plc = Plc(daemon, [111])
+        engine = Engine(load_scenario(SCENARIO), plc.endpoint)
+        while not engine.finished:
+            engine.step(plc.loop.now())
+            plc.exchange()
+        assert engine.passed, [(result.name, result.measured) for result in engine.results if not result.passed]
+
+
+def test_a_homing_ends_with_a_position_that_was_requested_after_it() -> None:
+    with polled(number=9, like=without_pdo(0x6064), more="counts_per_revolution = 4096") as (daemon, drive, plc):
+        drive.do(lambda node: setattr(node.model, "machine_position", 10_000.0))
+        _for(plc, SECOND)
+        assert drive.model.position_actual == 10_000
+        inputs = daemon.axes[0].machine.inputs
+        before = inputs.feedback.position_actual
+        drive.do(lambda node: node.start_fault("sdo-answers-of-object-late", index=0x6064, delay_ms=300))
+        plc.endpoint.set(0, {"STW1": 0x0C3F, "SATZANW": 35, "MDI_VELOCITY": 1 << 28})
+        plc.until(lambda: plc.value("ZSW1") & HOME_SET, "home position set")
+        assert (before, inputs.feedback.position_actual) == (10_000, 0)
+
+
+@pytest.mark.parametrize(
+    ("index", "attribute", "unknown"),
+    [(0x606B, "velocity_demand", DEMAND_UNKNOWN), (0x6078, "current_actual", 0)],
+    ids=["606Bh", "6078h"],
+)
+def test_an_old_torque_or_demand_value_is_no_evidence(index: int, attribute: str, unknown: int) -> None:
+    with polled(number=102, like=without_pdo(index)) as (daemon, drive, plc):
+        feedback = daemon.axes[0].drive.feedback
+        drive.do(lambda node: node.start_fault("sdo-answers-of-object-missing", index=index))
+        _for(plc, 100 * MS)
+        setattr(feedback, attribute, 700)
+        _for(plc, 100 * MS)
+        assert getattr(feedback, attribute) == 700
+        _for(plc, 200 * MS)
+        assert getattr(feedback, attribute) == unknown
