@@ -56,7 +56,7 @@ UNUSED: Final = 0
 _TO_REQUEST: Final = SDO_REQUEST - SDO_RESPONSE
 _OPEN_NS: Final = 1_000 * MS
 """An SDO request is open for this time at most."""
-_CHECK_NS: Final = 20 * MS
+CHECK_NS: Final = 20 * MS
 _EARLY_NS: Final = MS
 """Actions due this soon after a cycle start with the cycle before, so that their order does not depend on chance."""
 _FIRST_PAUSE_NS: Final = 100 * MS
@@ -241,7 +241,7 @@ class CanNetwork(Receiver):
         """Call with the time every 20 ms, all of the bus together: each time of its own would wake the loop."""
         self._watchers.append(look)
         if self._check_timer is None:
-            self._check_timer = self.loop.call_later(_CHECK_NS, self._check_nodes)
+            self._check_timer = self.loop.call_later(CHECK_NS, self._check_nodes)
 
     def unwatch(self, look: Callable[[int], None]) -> None:
         """The end of ``watch``."""
@@ -260,7 +260,7 @@ class CanNetwork(Receiver):
         for look in self._watchers:
             look(now)
         if self._watchers and timer is not None:
-            self._check_timer = self.loop.call_at(max(now, timer.when) + _CHECK_NS, self._check_nodes)
+            self._check_timer = self.loop.call_at(max(now, timer.when) + CHECK_NS, self._check_nodes)
 
     def listen(self, now: int, *, on: bool) -> None:
         """Whether frames are received when they arrive (the beginning), or may wait for ``take``: not while an SDO is open."""

@@ -10,12 +10,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.base.durations import MS
+from pdgw.base.durations import MS, SECOND
+from pdgw.ds301.bus.network import CHECK_NS
+from pdgw.ds301.node.client import FAILURES
 from pdgw.ds301.node.node import NodeSettings
+from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.polling import OLDEST_NS, POLL_NS
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS as SETPOINT_NS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, EMERGENCY_PATIENCE_NS
+from pdgw.gateway.axis.supervision.polled_speed import ANSWERS
 from pdgw.gateway.axis.supervision.stop_supervision import RAMP_MARGIN
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.motion.travel import LIMIT_LEFT_NS, LIMIT_STANDING_NS
@@ -233,3 +238,20 @@ SUPERVISIONS: Final = (
         "CiA 402 allows a drive to continue when Halt falls: Halt again",
     ),
 )
+
+
+def speed_by_sdo(plan: PdoPlan, node: NodeSettings, reaction_ns: int) -> tuple[str, ...]:
+    """For the user: how late standstill and faults are seen of a drive whose speed has no TPDO; nothing for other drives."""
+    sent = {name for item in plan.tpdos for name in item.pdo.attributes}
+    entry = next(
+        (item for item in plan.read if item.attribute == "velocity_actual" and item.attribute not in sent), None
+    )
+    if entry is None:
+        return ()
+    times = ANSWERS * (POLL_NS + CHECK_NS) / SECOND, (ANSWERS + 1) * OLDEST_NS / SECOND
+    reaction, lost = reaction_ns / SECOND, FAILURES * (POLL_NS / SECOND + node.sdo_timeout_ms * MS / SECOND)
+    at_once, late = (f"standstill {time:.3g} s, fault 125 {time + reaction:.3g} s" for time in times)
+    return (
+        f"the only speed is {entry.index:04X}h by SDO. Longest time from a stop to what is seen of it, with answers at once: "
+        f"{at_once}; with answers that take 1 s: {late}. Without answers the drive is lost after {lost:.3g} s",
+    )

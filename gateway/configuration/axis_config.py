@@ -68,6 +68,7 @@ def _percent(value: object) -> object:
     return found / 100 if isinstance(found, Fraction) and found is not value else found
 
 
+_REACTION_MARGIN = 2
 Ratio = Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0, le=10**12)]
 UnitObject = Annotated[int, BeforeValidator(unit_object)]
 SignedRatio = Annotated[Fraction, BeforeValidator(_fraction), Field(ge=-(10**6), le=10**6)]
@@ -219,6 +220,11 @@ class AxisConfig(DriveObjectSection):
             intermediate_stop_reached=self.intermediate_stop_reached,
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
+
+    def reaction_ns(self, number: int, cycle_time_ms: float) -> int:
+        """Longest time until a stop has an effect: the refresh repeats a lost command, the event timer a lost answer."""
+        drive = self.drive_settings(number, cycle_time_ms)
+        return int(_REACTION_MARGIN * (drive.rpdo_refresh_ms + drive.tpdo_event_ms + cycle_time_ms) * MS)
 
     def _is_modulo(self, number: int) -> bool:
         """Whether the gateway chooses the direction to a target with this telegram."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
-from pdgw.base.durations import MS, SECOND
+from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
@@ -52,7 +52,6 @@ _OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 
 _REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """Format of the drive's second encoder; its resolution is not read."""
-_REACTION_MARGIN: Final = 2
 _UNFOLLOWED: Final = (Reason.INHIBITED, Reason.NOT_OPERATING)
 """ON is commanded, and the drive does not show that it follows."""
 _ASK_AGAIN_NS: Final = 10 * SECOND
@@ -84,9 +83,8 @@ class Axis(DriveObject):
         self.telegram_numbers = config.telegrams
         self._cycle_time_ms = cycle_time_ms
         drive_settings = config.drive_settings(number, cycle_time_ms)
-        # The refresh repeats a lost command; the event timer repeats a lost answer.
-        travel_ms = drive_settings.rpdo_refresh_ms + drive_settings.tpdo_event_ms + cycle_time_ms
-        self._settings = replace(config.settings_at(cycle_time_ms), reaction_ns=int(_REACTION_MARGIN * travel_ms * MS))
+        reaction_ns = config.reaction_ns(number, cycle_time_ms)
+        self._settings = replace(config.settings_at(cycle_time_ms), reaction_ns=reaction_ns)
         self.drive = DriveClient(
             network,
             drive_settings,

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from pdgw.base.durations import MS, SECOND
+from pdgw.ds301.eds.writer import write_eds
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.reasons import FaultNumber
@@ -16,6 +19,7 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive import Shape, SimulatedDrive, shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
+from pdgw.tools.commands.commissioning.config import app
 from tests.gateway.test_motion_daemon import HOME_SET, SCENARIO
 from tests.support.gateways.daemon import OFF, POSITIONER, Plc, axis, configuration, online, running, world_of
 
@@ -216,3 +220,42 @@ def test_an_old_torque_or_demand_value_is_no_evidence(index: int, attribute: str
         assert getattr(feedback, attribute) == 700
         _for(plc, 200 * MS)
         assert getattr(feedback, attribute) == unknown
+
+
+# -- what the user is told --------------------------------------------------------------------------------------------------
+
+
+def test_config_check_prints_the_times_that_a_speed_by_sdo_results_in(tmp_path: Path) -> None:
+    for name, lines in (("speed-by-sdo", 1), ("rpm", 0)):
+        sheet = tmp_path / f"{name}.eds"
+        sheet.write_bytes(write_eds(shape(name).info, shape(name).objects()).encode())
+        file = tmp_path / "gateway.toml"
+        file.write_text(
+            f'[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\neds = "{sheet}"\n'
+        )
+        result = CliRunner().invoke(app, ["check", str(file)])
+        assert result.exit_code == 0, result.output
+        assert result.output.count("the only speed is") == lines
+        if lines:
+            assert (
+                "DO 1: the only speed is 606Ch by SDO. Longest time from a stop to what is seen of it, with answers at once: "
+                "standstill 0.24 s, fault 125 0.548 s; with answers that take 1 s: standstill 3 s, fault 125 3.31 s. Without "
+                "answers the drive is lost after 1.8 s" in result.output
+            )
+
+
+@pytest.mark.parametrize(("delay_ms", "standstill", "fault"), [(0, 240, 548), (900, 3000, 3310)])
+def test_standstill_and_fault_come_within_the_times_of_config_check(delay_ms: int, standstill: int, fault: int) -> None:
+    more = "sdo_timeout_ms = 2000"
+    with polled(more) as (daemon, drive, plc):
+        if delay_ms:
+            _begin(drive, ("sdo-answers-of-object-late", {"delay_ms": delay_ms}))
+        _for(plc, 3 * SECOND)
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: drive.model.state is not State.OPERATION_ENABLED, "standstill", (standstill + 12) / 1000)
+        plc.enable()
+        _turn(plc)
+        _for(plc, 3 * SECOND)
+        drive.do(lambda node: node.start_fault("deaf"))
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: FaultNumber.STOP_IGNORED in _faults(daemon), "the fault", (fault + 12) / 1000)

@@ -65,7 +65,8 @@ class PolledSpeed:
     def ramps_blindly(self, reference: int, *, ramps: bool) -> bool:
         """Call after ``step``: whether a ramp stop has lasted as long as it may with an unknown standstill.
 
-        ``reference``: 100 % speed. A ramp lasts as from the last known speed, and at most as from 100 %.
+        ``reference``: 100 % speed. A ramp lasts as from the last known speed, but until late answers can have come, and at most
+        as from 100 %.
         """
         inputs, now = self._inputs, self._inputs.now
         if not ramps:
@@ -76,6 +77,6 @@ class PolledSpeed:
         if not self.is_old:
             self._from, self._from_at = abs(inputs.feedback.velocity_actual), max(self._ramp_at, self._asked)
         lasts = self._stopped_within * self._from // max(1, reference)
-        known = self._from_at + max(lasts, ANSWERS * OLDEST_NS)
+        known = self._from_at + max(lasts, (ANSWERS + 1) * OLDEST_NS)
         end = min(known, self._ramp_at + self._stopped_within) + self._reaction
         return inputs.standstill_unknown and now > end

@@ -172,7 +172,7 @@ def _refuses(config: GatewayConfig, axis: AxisConfig) -> bool:
         return False
     drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family_name)
     try:
-        lines = _plan(config, axis, drive).lines
+        _, lines = _plan(config, axis, drive)
     except CanopenError as error:
         typer.echo(f"DO {axis.do_id}: telegram {axis.telegram} is rejected: {error}")
         return True
@@ -181,12 +181,15 @@ def _refuses(config: GatewayConfig, axis: AxisConfig) -> bool:
     return False
 
 
-def _plan(config: GatewayConfig, axis: AxisConfig, drive: DriveType) -> PdoPlan:
+def _plan(config: GatewayConfig, axis: AxisConfig, drive: DriveType) -> tuple[PdoPlan, tuple[str, ...]]:
+    """The PDOs of a drive, and lines about them for the user."""
+    from pdgw.gateway.commissioning.supervisions import speed_by_sdo
     from pdgw.gateway.commissioning.telegram_check import planned
 
     cycle_ms = config.transport.cycle_time_ms
-    sync = axis.drive_settings(axis.telegram, cycle_ms).sync
-    return planned(drive, axis.telegram, axis.node_id, sync=sync, settings=axis.settings_at(cycle_ms))
+    node, settings = axis.drive_settings(axis.telegram, cycle_ms), axis.settings_at(cycle_ms)
+    plan = planned(drive, axis.telegram, axis.node_id, sync=node.sync, settings=settings)
+    return plan, (*plan.lines, *speed_by_sdo(plan, node, axis.reaction_ns(axis.telegram, cycle_ms)))
 
 
 def _print_encoders(config: GatewayConfig, bus: CanConfig) -> None:
@@ -230,9 +233,9 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
         for line in missing_lines(drive, axis.telegram, settings=settings):
             typer.echo(f"    {line}")
         return None
-    plan = _plan(config, axis, drive)
+    plan, lines = _plan(config, axis, drive)
     modes = axis.drive_settings(axis.telegram, config.transport.cycle_time_ms).modes(drive)
     left = left_to_the_drive(drive.acting, modes, {entry.address for entry in plan.commanded})
-    for line in (*plan.lines, *left):
+    for line in (*lines, *left):
         typer.echo(f"  {line}")
     return plan

@@ -151,7 +151,7 @@ def test_a_ramp_at_a_low_speed_lasts_until_two_answers_could_have_come() -> None
     bench = Bench()
     bench.answer(2 * WINDOW)
     bench.ramps()
-    assert not bench.ramps(2 * SECOND)
+    assert not bench.ramps(3 * SECOND)
     assert bench.ramps(REACTION + 4 * MS)
 
 
