@@ -95,7 +95,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     kind: ClassVar[DeviceKind]
     unknown: ClassVar[Mapping[str, int]] = MappingProxyType({})
-    """What stands in the image for a value that is read by SDO and old, by attribute; the others stay as they are."""
+    """Values of the image for objects that are read by SDO and old, by attribute; the others keep the last value."""
 
     def __init__(
         self,

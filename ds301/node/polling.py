@@ -13,15 +13,15 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.objects import Entry
 
 POLL_NS: Final = 100 * MS
-"""An object is read so often, or as often as the answers to all objects allow."""
+"""An object is read with this period, or as often as the answers to all objects allow."""
 _POLLS: Final = 3
 """A value of more polls is old. Three are longer than twice the slowest answer, which a regular value may be old."""
 OLDEST_NS: Final = SECOND
 """An older value is old in any case."""
 _MEMORY_NS: Final = 60 * SECOND
-"""So long the slowest answer counts."""
+"""Time in which the slowest answer counts."""
 _ANSWER_NS: Final = 2 * SECOND
-"""So long after its request, the answer to one that timed out may be taken for that to the next request of the object."""
+"""Until this time after a request that timed out, its answer may come, and look like that to the next request of the object."""
 _NEVER: Final = 1 << 62
 
 
@@ -39,7 +39,7 @@ class PolledObject:
         self.answered_ns = now
         """When its newest value came."""
         self.failures = 0
-        """So often in a row it could not be read."""
+        """Number of requests in a row that were not answered."""
         self._open: list[int] = []
         """When the requests were sent to which an answer may still come, the oldest first."""
         self._slow: deque[tuple[int, int]] = deque()

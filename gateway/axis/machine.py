@@ -250,7 +250,7 @@ class AxisMachine:
         if known:
             if inputs.speed_asked_ns:
                 wish = self._read_polled_speed(wish)
-                standstill = inputs.standstill
+                standstill = inputs.standstill and self.interlock.cell.order is not _NO_ORDER
             else:
                 window = self._window
                 inputs.standstill = standstill = -window <= feedback.velocity_actual <= window
@@ -267,7 +267,7 @@ class AxisMachine:
     def _read_polled_speed(self, wish: PowerWish | None) -> PowerWish | None:
         """Standstill by answers to requests after the last order. A ramp that lasts too long with an unknown speed: OFF3."""
         inputs, polled, interlock, command = self.inputs, self._polled, self.interlock, self.outputs.command
-        polled.step(wish, interlock.cell.order, command.controlword, command.target_velocity, self._window)
+        polled.step(interlock.cell.order, command.controlword, command.target_velocity, self._window)
         if self._follows_speed and polled.is_old:
             self._late = True
         if not polled.ramps_blindly(self._stop.reference, ramps=interlock.phase is Phase.RAMP_STOP):

@@ -82,7 +82,7 @@ def test_the_speed_of_this_drive_is_read_by_sdo() -> None:
 
 
 @pytest.mark.parametrize("disturbance", [LATE, LOST], ids=["late", "lost"])
-def test_off1_of_a_drive_that_brakes_while_answers_are_late_or_lost_is_no_fault(
+def test_off1_with_late_or_lost_answers_reports_no_fault_if_the_drive_brakes(
     disturbance: tuple[str, dict[str, int]],
 ) -> None:
     with polled() as (daemon, drive, plc):
@@ -126,7 +126,9 @@ def test_a_standstill_needs_two_answers_to_requests_after_the_order() -> None:
 
 
 @pytest.mark.parametrize("disturbance", [None, LATE], ids=["prompt", "late"])
-def test_a_deaf_drive_with_a_polled_speed_is_stopped_by_nmt(disturbance: tuple[str, dict[str, int]] | None) -> None:
+def test_a_drive_with_a_polled_speed_that_ignores_off1_is_stopped_by_nmt(
+    disturbance: tuple[str, dict[str, int]] | None,
+) -> None:
     with polled() as (daemon, drive, plc):
         _turn(plc)
         if disturbance is not None:
@@ -210,7 +212,7 @@ def test_a_homing_ends_with_a_position_that_was_requested_after_it() -> None:
     [(0x606B, "velocity_demand", DEMAND_UNKNOWN), (0x6078, "current_actual", 0)],
     ids=["606Bh", "6078h"],
 )
-def test_an_old_torque_or_demand_value_is_no_evidence(index: int, attribute: str, unknown: int) -> None:
+def test_an_old_torque_or_demand_value_is_unknown(index: int, attribute: str, unknown: int) -> None:
     with polled(number=102, like=without_pdo(index)) as (daemon, drive, plc):
         feedback = daemon.axes[0].drive.feedback
         drive.do(lambda node: node.start_fault("sdo-answers-of-object-missing", index=index))

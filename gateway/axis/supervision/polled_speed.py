@@ -9,13 +9,12 @@ from typing import Final
 
 from pdgw.ds301.node.polling import OLDEST_NS
 from pdgw.dsp402.states import ControlBit
-from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.orders import Order
 from pdgw.gateway.axis.supervision.stop_supervision import RAMP_MARGIN
 from pdgw.gateway.axis.values import Inputs
 
 ANSWERS: Final = 2
-"""So many answers in succession that were requested after an order are a standstill."""
+"""Number of answers in succession, requested after an order, that are a standstill."""
 _ORDERS: Final = ControlBit.HALT | ControlBit.NEW_SETPOINT
 """Bits of the Controlword whose rise starts or stops a motion."""
 
@@ -27,7 +26,7 @@ class PolledSpeed:
         self._inputs = inputs
         self._reaction = reaction_ns
         self._stopped_within = RAMP_MARGIN * stop_time_ns
-        self._order: tuple[PowerWish | None, Order, int] | None = None
+        self._order: tuple[Order, int] = Order.NONE, 0
         self._word = 0
         self._ordered_at = 0
         self._asked = 0
@@ -44,21 +43,20 @@ class PolledSpeed:
         """The speed is unknown."""
         return self._inputs.now > self._inputs.speed_until_ns
 
-    def step(self, wish: PowerWish | None, order: Order, word: int, target: int, window: int) -> None:
+    def step(self, order: Order, word: int, target: int, window: int) -> None:
         """One cycle: write to the inputs whether the axis is at standstill, and whether that is unknown.
 
-        ``wish``: the request of the PLC in this cycle. ``order``, ``word`` (Controlword) and ``target`` (60FFh) are the last
-        ones. ``window``: of standstill.
+        ``order`` of the power table, ``word`` (Controlword) and ``target`` (60FFh) are the last ones. ``window``: of standstill.
         """
         inputs = self._inputs
-        given = wish, order, (target > window) - (target < -window)
+        given = order, (target > window) - (target < -window)
         if given != self._order or word & ~self._word & _ORDERS:
             self._order, self._ordered_at, self._still = given, inputs.now, 0
         self._word = word
         slow = abs(inputs.feedback.velocity_actual) <= window
         if inputs.speed_asked_ns != self._asked:
             self._asked = asked = inputs.speed_asked_ns
-            self._still = self._still + 1 if slow and asked > self._ordered_at else 0
+            self._still = min(self._still + 1, ANSWERS) if slow and asked > self._ordered_at else 0
         inputs.standstill = self._still >= ANSWERS and not self.is_old
         inputs.standstill_unknown = not inputs.standstill and (slow or self.is_old)
 

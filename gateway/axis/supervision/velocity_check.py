@@ -143,6 +143,7 @@ class VelocityCheck:
         """606Ch beyond the setpoint for longer than an overshoot, or growing; a drive on its ramp down may take its time."""
         floor = self._floor
         if self._up < 0:
+            elapsed = 0  # a speed by SDO may be older than the operation
             self._up, self._down = float(max(velocity, 0)), float(max(-velocity, 0))
             self._growth.restart(abs(velocity), now)
         falls = self._full * elapsed / (_RAMP_MARGIN * self._stop_time)

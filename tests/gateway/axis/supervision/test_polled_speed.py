@@ -9,7 +9,6 @@ import pytest
 from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.states import ControlBit
-from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.orders import Order
 from pdgw.gateway.axis.supervision.polled_speed import PolledSpeed
 from pdgw.gateway.axis.values import Inputs
@@ -27,14 +26,13 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.polled = PolledSpeed(self.inputs, REACTION, STOP_TIME)
-        self.wish: PowerWish | None = PowerWish.ENABLE
         self.order, self.word, self.target = Order.NONE, OPERATION, 0
 
     def step(self, after: int = 4 * MS) -> str:
         """One cycle; what is known."""
         inputs = self.inputs
         inputs.now += after
-        self.polled.step(self.wish, self.order, self.word, self.target, WINDOW)
+        self.polled.step(self.order, self.word, self.target, WINDOW)
         assert not (inputs.standstill and inputs.standstill_unknown)
         return "standstill" if inputs.standstill else "unknown" if inputs.standstill_unknown else "turns"
 
@@ -83,8 +81,6 @@ def test_the_same_answer_counts_once() -> None:
 @pytest.mark.parametrize(
     "order",
     [
-        {"wish": PowerWish.OFF},
-        {"wish": None},
         {"order": Order.STOP},
         {"target": FULL},
         {"target": -FULL},
@@ -155,7 +151,7 @@ def test_a_ramp_at_a_low_speed_lasts_until_two_answers_could_have_come() -> None
     assert bench.ramps(REACTION + 4 * MS)
 
 
-def test_a_ramp_that_is_known_to_turn_or_stand_is_not_over() -> None:
+def test_a_ramp_with_a_known_speed_is_not_over() -> None:
     bench = Bench()
     bench.step(SECOND)
     bench.ramps()
