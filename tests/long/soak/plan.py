@@ -37,7 +37,7 @@ TRANSPARENT: Final = 100
 _OF_THE_FAMILY: Final = ("engel", "synchronous")
 _RPM: Final = (
     *("rpm", "counts", "si", "fixed-pdo", "no-event-timer", "node-guarding", "rpdo-timeout", "no-abort-option"),
-    *("mode-late", "frozen", "two-edges", "stays-stopped", "four-pdo"),
+    *("mode-late", "frozen", "two-edges", "stays-stopped", "four-pdo", "speed-by-sdo"),
 )
 _SPEED_ONLY: Final = ("vl", "csv", "no-range")
 POSITIONER: Final = """\
