@@ -14,7 +14,7 @@ from typing import Final
 from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.node.node import NodeNotice, Notice
-from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, State, StatusBit, enables
 from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
@@ -151,7 +151,6 @@ class AxisMachine:
         """Since when the axis does not follow its speed setpoint; 0 while it does."""
         self.units_contradicted = False
         """Its speed contradicts its units, which count as unknown until an acknowledgement."""
-        self._follows_speed = kind in (Kind.SPEED, Kind.LOAD, Kind.TORQUE)
         self._needed = needed_quantities(self.telegram)
         self._converts = kind is Kind.POSITIONER or kind is Kind.DSC
         self.shows_codes = "FAULT_CODE" in self.telegram.actuals.names
@@ -335,14 +334,10 @@ class AxisMachine:
         statusword, velocity, now = feedback.statusword, feedback.velocity_actual, inputs.now
         operating = action is _ENABLE_OPERATION or action is _PASS
         if known and self._check.is_due(operating, velocity, now):
-            found = self._check.step(
-                self.executor.speeds(),
-                velocity,
-                feedback.position_actual,
-                inputs.position_ns,
-                inputs.speed_asked_ns or now,
-            )
-            self._order = self._order_in_operation(command)
+            speeds = self.executor.speeds()
+            asked = inputs.speed_asked_ns or now
+            found = self._check.step(speeds, velocity, feedback.position_actual, inputs.position_ns, asked)
+            self._order = self._order_in_operation(command.controlword, speeds)
             self._late = self._stop.late or self._check.is_late(now)
             self.lags_since = self._check.lags_since(now)
             if self._evidence.warning:
@@ -371,18 +366,17 @@ class AxisMachine:
         if self.demand.acknowledge or self.acknowledgement.waits:
             self._acknowledge()
 
-    def _order_in_operation(self, command: DriveCommand) -> Order:
-        """That of Halt, or of a speed setpoint inside the standstill window."""
-        if self._follows_speed:
-            window = self._window
-            if not -window <= command.target_velocity <= window:
-                self._brakes = True
-            elif self.inputs.standstill:
-                self._brakes = False
-            elif self._brakes:
-                return _ZERO
-        elif command.controlword & ControlBit.HALT:
+    def _order_in_operation(self, controlword: int, speeds: tuple[int, int] | None) -> Order:
+        """That of Halt, or of a speed setpoint inside the standstill window. ``speeds``: those of the executor."""
+        if controlword & ControlBit.HALT:
             return _STANDSTILL if self.outputs.warned & _MOVES else _HALT
+        window = self._window
+        if speeds is None or speeds[0] != speeds[1] or not -window <= speeds[0] <= window:
+            self._brakes = True
+        elif self.inputs.standstill:
+            self._brakes = False
+        elif self._brakes:
+            return _ZERO
         return _NO_ORDER
 
     def _acknowledge(self) -> None:

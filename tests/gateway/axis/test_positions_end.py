@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from random import Random
 
 import pytest
 
 from pdgw.base.durations import SECOND
-from pdgw.dsp402.modes import MODE_CONFIRM_NS
+from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.base.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_halt_continues import Continuing
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+from tests.support.axis.positioner import CHOICES
 from tests.support.axis.tasks import (
     ACKNOWLEDGED,
     ACTIVATE,
@@ -254,6 +256,39 @@ def test_drive_that_ignores_halt_gets_quick_stop(make: Make) -> None:
     assert 225 <= first <= 235, "0.4 s + 0.5 s in cycles of 4 ms"
     assert all(not word & 0b100 for word in words[first:]), "and until it is off"
     assert FaultNumber.STOP_IGNORED in hand.stepper.numbers
+
+
+def jogging() -> TaskHand:
+    """Telegram 111 jogs with half of its speed, in profile velocity."""
+    hand = positioner(replace(CHOICES, jog_velocities=(15_000, -15_000))).enable()
+    hand(ON | JOG)
+    hand.mode = Mode.VELOCITY
+    for _ in range(10):
+        hand.feedback.velocity_actual = hand.stepper.command.target_velocity
+        hand(ON | JOG)
+    assert hand.feedback.velocity_actual
+    return hand
+
+
+@pytest.mark.parametrize(
+    "word", [ON, (ON | JOG) & ~REJECT, (ON | JOG) & ~INTERMEDIATE], ids=["end", "STW1.4", "STW1.5"]
+)
+def test_drive_that_ignores_the_end_of_a_jog_gets_quick_stop(word: int) -> None:
+    hand = jogging()
+    words = [hand(word) for _ in range(200)]
+    first = next(at for at, sent in enumerate(words) if not sent & 0b100)
+    assert hand.stepper.command.target_velocity == 0
+    assert 100 <= first <= 106, "0.4 s in cycles of 4 ms"
+    assert hand.stepper.numbers == [FaultNumber.STOP_IGNORED]
+
+
+def test_drive_that_brakes_at_the_end_of_a_jog_is_not_stopped() -> None:
+    hand = jogging()
+    speed = hand.feedback.velocity_actual
+    for cycle in range(3000):
+        hand.feedback.velocity_actual = max(0, speed - cycle * 12 // 5)
+        assert hand(ON) & 0b100
+    assert not hand.stepper.events
 
 
 def test_slow_ramp_after_halt_is_not_a_fault(make: Make) -> None:

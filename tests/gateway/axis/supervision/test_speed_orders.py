@@ -11,8 +11,10 @@ from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS
 from pdgw.gateway.base.reasons import FaultNumber, warning_bits
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
+from tests.support.axis.stepper import DSC
 
 CYCLE = 4 * MS
 REACTION = AxisSettings().reaction_ns // CYCLE
@@ -110,9 +112,9 @@ def test_shaft_that_turns_when_operation_begins_is_watched() -> None:
     assert bench.order(ON, 0, 1000) <= REACTION + 3
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 4, 20, 102, 103])
+@pytest.mark.parametrize("number", [*SPEED_TELEGRAM_NUMBERS, *DSC_TELEGRAM_NUMBERS])
 def test_setpoint_0_is_an_order_of_each_speed_telegram(number: int) -> None:
-    bench = Bench(number)
+    bench = Bench(number, cycle_ns=CYCLE, dsc=DSC)
     bench.operate(SPEED << (0 if number in (1, 20) else 16))
     feedback, half = bench.drive.feedback, bench.stepper.telegram.setpoints
     bench.step(ON, SPEED << (0 if number in (1, 20) else 16), cycles=100)
