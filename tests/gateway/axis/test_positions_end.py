@@ -12,6 +12,7 @@ from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.motion.blocks import Block, BlockNext
 from tests.gateway.axis.test_halt_continues import Continuing
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
 from tests.support.axis.positioner import CHOICES
@@ -288,6 +289,35 @@ def test_drive_that_brakes_at_the_end_of_a_jog_is_not_stopped() -> None:
     for cycle in range(3000):
         hand.feedback.velocity_actual = max(0, speed - cycle * 12 // 5)
         assert hand(ON) & 0b100
+    assert not hand.stepper.events
+
+
+@pytest.mark.parametrize("share", [2, 4])
+def test_drive_that_does_not_take_a_slower_task_gets_quick_stop(make: Make, share: int) -> None:
+    """It has the time of an acknowledge for the last task, then the ceiling of the new speed falls to 150 % of it."""
+    hand = running(make, stop_time_ns=500_000_000)
+    speed = hand.stepper.command.profile_velocity
+    slower = {"MDI_VELOCITY": hand.values["MDI_VELOCITY"] // share}
+    hand.feedback.velocity_actual = speed
+    hand(ON)
+    hand(ON, OPERATING)
+    words = [hand(ON | ACTIVATE, **slower) for _ in range(1000)]
+    assert hand.stepper.command.profile_velocity == pytest.approx(speed / share, abs=2)
+    first = next(at for at, word in enumerate(words) if not word & 0b100)
+    assert 630 <= first <= 760, "2 s, up to 0.5 s of ramp, and 0.5 s in cycles of 4 ms"
+    assert hand.stepper.numbers[:2] == [FaultNumber.NOT_ACKNOWLEDGED, FaultNumber.VELOCITY]
+
+
+def test_slower_task_that_waits_in_the_drive_leaves_it_the_speed_of_the_one_that_runs() -> None:
+    chain = (Block(1, 2_000_000, 30_000, next=BlockNext.FLYING), Block(2, 4_000_000, 6000))
+    hand = positioner(replace(CHOICES, blocks=chain), stop_time_ns=500_000_000).enable()
+    hand(ON | ACTIVATE, POS_STW1=1)
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    hand.feedback.velocity_actual = hand.stepper.command.profile_velocity
+    hand(ON | ACTIVATE)
+    for _ in range(1000):
+        assert hand(ON | ACTIVATE) & 0b100
+    assert hand.stepper.command.profile_velocity == hand.feedback.velocity_actual // 5
     assert not hand.stepper.events
 
 

@@ -200,7 +200,8 @@ class MotionExecutor(Executor):
         if not self._has_velocity or command.controlword & HALT:
             return None
         highest = command.profile_velocity
-        if seen.executing != seen.given:
+        late = self._set_at >= 0 and self.inputs.now - self._set_at >= ACKNOWLEDGE_NS
+        if seen.executing != seen.given and not late:
             highest = max(highest, self._last_velocity)  # of a task before, which the drive may still execute
         return -highest, highest
 
