@@ -308,8 +308,21 @@ def test_drive_that_does_not_take_a_slower_task_gets_quick_stop(make: Make, shar
     assert hand.stepper.numbers[:2] == [FaultNumber.NOT_ACKNOWLEDGED, FaultNumber.VELOCITY]
 
 
+def test_drive_that_is_not_free_for_a_slower_task_gets_quick_stop(make: Make) -> None:
+    """Its acknowledge of the last task, which it had to begin at once, stays 1."""
+    hand = running(make, stop_time_ns=500_000_000)
+    hand.feedback.velocity_actual = speed = hand.stepper.command.profile_velocity
+    hand(ON, OPERATING | TAKEN)
+    slower = {"MDI_VELOCITY": hand.values["MDI_VELOCITY"] // 2}
+    words = [hand(ON | ACTIVATE, OPERATING | TAKEN, **slower) for _ in range(1000)]
+    assert hand.stepper.command.profile_velocity == speed, "the slower one was not sent"
+    first = next(at for at, word in enumerate(words) if not word & 0b100)
+    assert 630 <= first <= 760, "2 s, up to 0.5 s of ramp, and 0.5 s in cycles of 4 ms"
+    assert hand.stepper.numbers[0] == FaultNumber.VELOCITY
+
+
 def test_slower_task_that_waits_in_the_drive_leaves_it_the_speed_of_the_one_that_runs() -> None:
-    chain = (Block(1, 2_000_000, 30_000, next=BlockNext.FLYING), Block(2, 4_000_000, 6000))
+    chain = (Block(1, 2_000_000, 30_000, next=BlockNext.FLYING), Block(2, 4_000_000, 6000), Block(3, 4_000_000, 3000))
     hand = positioner(replace(CHOICES, blocks=chain), stop_time_ns=500_000_000).enable()
     hand(ON | ACTIVATE, POS_STW1=1)
     hand(ON | ACTIVATE, OPERATING | TAKEN)
@@ -318,6 +331,10 @@ def test_slower_task_that_waits_in_the_drive_leaves_it_the_speed_of_the_one_that
     for _ in range(1000):
         assert hand(ON | ACTIVATE) & 0b100
     assert hand.stepper.command.profile_velocity == hand.feedback.velocity_actual // 5
+    full = OPERATING | TAKEN
+    hand(ON, full)
+    for _ in range(1000):
+        assert hand(ON | ACTIVATE, full, POS_STW1=3) & 0b100, "its buffer is full"
     assert not hand.stepper.events
 
 

@@ -105,8 +105,10 @@ class MotionExecutor(Executor):
         """The drive has acknowledged a setpoint, and no stop or reject has ended it since."""
         self._effect = Answer(self.settings.latency_ns)
         """Whether the newest setpoint or Halt has had the time to show at the shaft."""
-        self._blocked = False
-        """A setpoint waits until the drive is free."""
+        self._blocked = 0
+        """Velocity of a setpoint that waits until the drive is free; 0: none waits."""
+        self._blocked_at = 0
+        """When none waited last, monotonic ns."""
         self._stall = Stall(self.settings.stall_ns)
         self._stopped_by_halt = _NONE
         self._bits = 0
@@ -200,9 +202,11 @@ class MotionExecutor(Executor):
         if not self._has_velocity or command.controlword & HALT:
             return None
         highest = command.profile_velocity
-        late = self._set_at >= 0 and self.inputs.now - self._set_at >= ACKNOWLEDGE_NS
-        if seen.executing != seen.given and not late:
+        late = self.inputs.now - ACKNOWLEDGE_NS
+        if seen.executing != seen.given and not 0 <= self._set_at <= late:
             highest = max(highest, self._last_velocity)  # of a task before, which the drive may still execute
+        if self._blocked and self._blocked_at <= late and self._bits & ControlBit.CHANGE_IMMEDIATELY:
+            highest = min(highest, self._blocked)  # the drive has no setpoint that could wait, and is not free
         return -highest, highest
 
     def refuse(self) -> Report:
@@ -294,7 +298,7 @@ class MotionExecutor(Executor):
             self.outputs.warn(FaultNumber.INTERNAL_LIMIT, AT_LIMIT_TEXT)
         else:
             self.outputs.end_warnings(AT_LIMIT)
-        self._blocked = False
+        self._blocked = 0
         if operates:
             mode.asked = False
             if self._released() and not self._keeps_still() and not inputs.standstill_unknown:
@@ -311,6 +315,8 @@ class MotionExecutor(Executor):
             mode.halted = ramps
             extra = self._halt() if ramps else 0
             self.outputs.end_warnings(_STALLED)
+        if not self._blocked:
+            self._blocked_at = inputs.now
         if before is State.HOMING and positioner.state is not State.HOMING:
             self._forget_homing()
         self.command.controlword = interlock.controlword | extra

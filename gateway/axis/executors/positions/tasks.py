@@ -351,8 +351,8 @@ class PositionerExecutor(MotionExecutor):
 
     def _send_setpoint(self, motion: Motion, units: LengthUnits) -> None:
         """Send a setpoint when the drive is free for it and has the torque limit."""
-        self._blocked = not self._free
-        if self._blocked:
+        if not self._free:
+            self._blocked = abs(units.velocity(motion.goal.velocity, motion.override))
             return
         if not self._torque.holds(motion.torque):
             self.outputs.reason = Reason.TORQUE_LIMIT

@@ -187,7 +187,7 @@ class PositioningExecutor(MotionExecutor):
                 self._set_at = -1
                 self.outputs.end_warnings(TASK_WARNINGS)
         elif goal is not None and self._mdi.course.waits:
-            self._blocked = not self._free
+            self._blocked = 0 if self._free else goal.velocity
             if not self._blocked and self._mode.request(self._mode.base):
                 self._send_setpoint(motion, goal)
 
