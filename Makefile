@@ -62,7 +62,7 @@ format: $(STAMP)
 REPORTS := build/conformance
 conformance: $(STAMP)
 	PDGW_CONFORMANCE=1 $(BIN)/pytest $(TOGETHER) tests/conformance \
-		tests/gateway/test_data_sheets.py tests/gateway/test_outage.py tests/gateway/objects/test_happenings.py \
+		tests/gateway/test_data_sheets.py tests/gateway/test_outage.py tests/gateway/test_orders.py tests/gateway/objects/test_happenings.py \
 		tests/tools/test_plc_compilers.py --junitxml $(REPORTS).xml \
 		--html $(REPORTS).html --self-contained-html
 
@@ -99,6 +99,7 @@ fuzz: $(STAMP)
 # The generated documents. The pictures of the page: `python -m tests.long.documents.screenshots docs/page`.
 docs: $(STAMP)
 	$(BIN)/python -m tests.long.walk --short --figures docs/walk.txt
+	$(BIN)/python -m tests.support.documents.order_times
 	$(BIN)/python -m tests.long.documents.tables
 	$(BIN)/python -m tests.long.documents.commands
 	$(BIN)/python -m tests.support.documents.plc_blocks

@@ -44,6 +44,7 @@ from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from tests.long.documents import habits, package_picture, supervisions
 from tests.long.documents.simulator_steps import generate_steps
+from tests.support.documents import order_times
 from tests.support.documents.parts import table, write_part
 from tests.support.documents.profile_numbers import word_positions
 from tests.support.documents.sources import ROOMS
@@ -461,6 +462,10 @@ def _power_table() -> Sequence[str]:
         "in time, or whose speed is above its line, has the fault, and gets the next stop. Speeds inside the standstill "
         "window are below every line but that of `setpoint`.\n",
         table(("order", "what must come", "leaves its state within", "line of the speed", "fault, next stop"), columns),
+        "Measured with the default settings: a simulated drive turns with 100 % speed and receives no RPDO from the moment of "
+        "the order. `row` is the one that found it; the NMT stop then ends the motion, on the ramp of the drive's quick stop. "
+        'With `dsc = "position"` the shaft is at standstill at once, because no position follows.\n',
+        order_times.order_table(),
     )
 
 
