@@ -19,6 +19,7 @@ from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import PdoCapabilities
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import VL_MIN_MAX, VL_MIN_MAX_BY_DIRECTION
 
 
 class Dsp402Error(CanopenError):
@@ -55,6 +56,9 @@ POSITIONS: Final = 1 << 32
 
 VL_RAMP: Final = 0x70
 """Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the setpoint through."""
+VL_REFERENCE: Final = 0x40
+"""The last of them: without it the ramp goes to 0, also below the minimum speed."""
+_MINIMUM_SPEEDS: Final = ((VL_MIN_MAX, 1), (VL_MIN_MAX_BY_DIRECTION, 1), (VL_MIN_MAX_BY_DIRECTION, 3))
 _ABSENT = "not an object of this drive"
 _TASK_MODE = "1 (profile position) for a traversing task: use a drive with that mode, or a telegram without such tasks"
 
@@ -243,6 +247,14 @@ class DriveType:
     def speed_bits(self) -> int:
         """Controlword bits that let a speed through in operation: in velocity mode (vl) ramp enabled, unlocked, referenced."""
         return VL_RAMP if self.speed_mode == Mode.VL_VELOCITY else 0
+
+    @property
+    def minimum_speed(self) -> int:
+        """The lowest speed in velocity mode (vl), in its units, at most 100 %; 0 in the other modes."""
+        if self.speed_mode != Mode.VL_VELOCITY:
+            return 0
+        found = max(self.acting.get(address, 0) for address in _MINIMUM_SPEEDS)
+        return min(found, int(self.scaling.reference(Quantity.SPEED)))
 
     def require_profile_position(self) -> int:
         """The mode for a traversing task; Dsp402Error for a drive without it."""

@@ -159,7 +159,8 @@ class AxisMachine:
         """The drive is known: what 100 % is, and that it has the modes of the telegram."""
         self.in_fault = True
         """The drive is in fault, lost, or not known well enough. Beside this, ZSW1.3 shows faults that are not acknowledged."""
-        self._window = 0
+        self._window = self._rest = 0
+        """Standstill, and the highest speed that a setpoint inside it may leave: an inverter has a minimum speed."""
         self._per_rpm: Fraction | None = None
         """Velocity units of 1 rpm; None if unknown."""
         self._control_lost = False
@@ -370,10 +371,11 @@ class AxisMachine:
         """That of Halt, or of a speed setpoint inside the standstill window. ``speeds``: those of the executor."""
         if controlword & ControlBit.HALT:
             return _STANDSTILL if self.outputs.warned & _MOVES else _HALT
-        window = self._window
-        if speeds is None or speeds[0] != speeds[1] or not -window <= speeds[0] <= window:
+        velocity, slowest, before = self.inputs.feedback.velocity_actual, self.executor.slowest, self._rest
+        self._rest = rest = self._window + slowest + slowest // 2
+        if speeds is None or speeds[0] != speeds[1] or not -rest <= speeds[0] <= rest or rest < before:
             self._brakes = True
-        elif self.inputs.standstill:
+        elif -rest <= velocity <= rest:
             self._brakes = False
         elif self._brakes:
             return _ZERO
@@ -393,7 +395,8 @@ class AxisMachine:
 
     def _watch_stops(self, order: Order) -> None:
         """The drive must leave the state that it shows, and must brake; after a stop it must not turn without power."""
-        inputs, outputs, stop, window = self.inputs, self.outputs, self._stop, self._window
+        inputs, outputs, stop = self.inputs, self.outputs, self._stop
+        window = self._rest if order is _ZERO else self._window
         feedback, now = inputs.feedback, inputs.now
         velocity, position = feedback.velocity_actual, feedback.position_actual
         velocity_ns = inputs.speed_asked_ns or now

@@ -15,6 +15,7 @@ from pdgw.base.durations import SECOND
 from pdgw.dsp402.states import State
 from pdgw.peers.drive import shape
 from pdgw.peers.habits import HABITS, Habit
+from pdgw.profidrive.signals import signal
 from tests.conformance.rig import COMPLETE, DriveRig, drive
 from tests.long.soak.calm import UNFIT, CalmRun, calm_plan
 from tests.long.soak.calm_tasks import AxisProgram, EncoderProgram, SpeedProgram, TaskProgram
@@ -107,18 +108,25 @@ def test_gateway_reports_nothing_of_a_device_with_legal_habits(number: int, ends
     _live(_run(number, ends), 1)
 
 
-def test_inverter_with_a_minimum_speed_follows_setpoints_above_it_and_0() -> None:
-    habits = {"minimum-speed": {"value": 300, "turns_at_0": 0}}
+@pytest.mark.parametrize(("turns_at_0", "at_0"), [(1, 300), (0, 0)])
+def test_inverter_with_a_minimum_speed_turns_with_it_and_ends_at_rest(turns_at_0: int, at_0: int) -> None:
+    """The target is the larger of setpoint and minimum; OFF1, STW1.4 = 0 and STW1.6 = 0 end below it."""
+    habits = {"minimum-speed": {"value": 300, "turns_at_0": turns_at_0}}
     with running(configuration(axis(1, more=""))) as daemon:
         rig = DriveRig(daemon, drive(daemon, shape=shape("vl"), habits=habits))
         rig.device.start()
         rig.enable()
-        for setpoint, rpm in ((0x0800, 375), (0, 0), (-0x0800, -375)):
+        for setpoint, rpm in ((0, at_0), (0x0800, 375), (0x0100, 300), (0x2000, 1500), (0, at_0), (-0x0100, -300)):
             rig.plc.set(0, {"NSOLL_A": setpoint})
             rig.until(lambda rpm=rpm: rig.model.speed == rpm, f"{rpm} rpm")
-            rig.plc.exchange(5)
+            rig.plc.exchange(15)
             assert rig.model.speed == rpm
             assert rig.state is State.OPERATION_ENABLED
+        for zero in ("ENABLE_RAMP_GENERATOR", "ENABLE_SETPOINT"):
+            rig.command(0x047F & ~signal("STW1").bit(zero).mask)
+            rig.until(rig.standing, f"{zero} followed")
+            rig.on()
+            rig.until(lambda: rig.model.speed == -300, "minimum again")
         rig.off()
-        rig.until(lambda: rig.standing() and rig.state is State.READY_TO_SWITCH_ON, "OFF obeyed")
+        rig.until(lambda: rig.standing() and rig.state is State.READY_TO_SWITCH_ON, "OFF followed")
         assert not rig.numbers

@@ -48,6 +48,8 @@ class Executor:
         self.settings, self.interlock, _, self.inputs, self.outputs = records
         self.feedback: DriveFeedback = records.inputs.feedback
         self.command: DriveCommand = records.outputs.command
+        self.slowest = 0
+        """Lowest speed that the drive may have with any setpoint in force, in its units: that of an inverter (6046h)."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         """Set the drive: at the start, after a write to a reference object, after a restart of the drive.

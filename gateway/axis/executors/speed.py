@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
+from pdgw.dsp402.drive_type import VL_REFERENCE, DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.answer import Answer
@@ -49,6 +49,8 @@ class SpeedExecutor(Executor):
         """The setpoint in force; 0 out of operation."""
         self._mode_bits = 0
         """Controlword bits that let the setpoint through in operation."""
+        self._minimum = 0
+        """``slowest`` while the PLC's setpoint, or a speed that is not 0, is in force."""
         self._jog_speeds = (0, 0)
         self._begun: SpeedWish | None = None
         """The jog that was begun at standstill, or FREEZE: the ramp is frozen, with the target of its first cycle."""
@@ -75,7 +77,7 @@ class SpeedExecutor(Executor):
         low, high = self._range = drive.limits("target_velocity")
         self._setpoint = n4(reference, self._range)
         self._actual = n4(reference, drive.limits("velocity_actual"))
-        self._mode_bits = drive.speed_bits
+        self._mode_bits, self._minimum = drive.speed_bits, drive.minimum_speed
         self._unreported = drive.speed_mode in _UNREPORTED
         self._tolerance = int(reference) * TOLERANCE_PERCENT // 100
         self._near = max(1, int(reference * self.settings.standstill_window))
@@ -120,8 +122,12 @@ class SpeedExecutor(Executor):
         else:
             self._limit.reset()
             self.outputs.warned = 0
+        if self._minimum:
+            asks = cell.operating and demand.speed_wish is _FOLLOW and not self._stopped
+            self.slowest = self._minimum if target or asks else 0
         if cell.action is _ENABLE_OPERATION or cell.action is _RAMP:
-            controlword |= self._mode_bits
+            bits = self._mode_bits
+            controlword |= bits if self.slowest or not self._minimum else bits & ~VL_REFERENCE
         command = self.command
         command.controlword = controlword | demand.device_bits
         command.target_velocity = target
@@ -132,7 +138,10 @@ class SpeedExecutor(Executor):
         return Report(reason, flags, 0 if actual is None else actual.to_wire(feedback.velocity_actual))
 
     def speeds(self) -> tuple[int, int]:
-        target = self.command.target_velocity
+        target, slowest = self.command.target_velocity, self.slowest
+        if -slowest < target < slowest:  # also with the sign of the last setpoint, or at standstill
+            lowest, highest = (-slowest if target <= 0 else target), (slowest if target >= 0 else target)
+            target = max(lowest, min(self.feedback.velocity_actual, highest))
         return target, target
 
     def _replace_setpoint(self, wish: SpeedWish) -> Reason | None:

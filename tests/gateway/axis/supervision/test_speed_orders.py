@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
+from pdgw.dsp402.drive_type import VL_RAMP, VL_REFERENCE, DriveType
+from pdgw.dsp402.objects import VL_MIN_MAX, VL_MIN_MAX_BY_DIRECTION
 from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.settings import AxisSettings
@@ -15,6 +18,7 @@ from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUM
 from pdgw.gateway.base.reasons import FaultNumber, warning_bits
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.stepper import DSC
+from tests.support.drives.drive_types import described
 
 CYCLE = 4 * MS
 REACTION = AxisSettings().reaction_ns // CYCLE
@@ -123,6 +127,64 @@ def test_setpoint_0_is_an_order_of_each_speed_telegram(number: int) -> None:
         feedback.velocity_actual = 3000
         bench.stepper.step(half.from_dict({"STW1": ON}), feedback, True, bench.now)
     assert bench.stepper.numbers == [FaultNumber.STOP_IGNORED]
+
+
+MINIMUM = 300
+_INVERTER = replace(described("vl"), acting={(VL_MIN_MAX, 1): MINIMUM})
+"""Its unit is 1 rpm; it turns with 300 of 3000 rpm at setpoint 0, too."""
+
+
+def inverter(drive: DriveType = _INVERTER) -> Unmoved:
+    bench = Unmoved()
+    bench.stepper.set_drive(drive)
+    bench.step(OFF, cycles=3)
+    bench.step(ON, 0, cycles=10)
+    return bench
+
+
+@pytest.mark.parametrize("speed", [0, 40, 0x200, -0x200])
+def test_minimum_speed_of_an_inverter_is_followed_and_does_not_grow_further(speed: int) -> None:
+    bench = inverter()
+    turning = MINIMUM if speed >= 0 else -MINIMUM
+    assert bench.order(ON, speed, 1000, lambda cycle: turning) == 1000
+    assert bench.numbers == []
+    assert not bench.zsw1 & Flag.REACHED
+    assert bench.stepper.machine.lags_since == 0
+    assert bench.order(ON, speed, 1000, lambda cycle: 2 * turning) < 150
+    assert bench.numbers[0] == FaultNumber.VELOCITY
+
+
+@pytest.mark.parametrize(("speed", "shaft"), [(0, 1500), (0x200, 1500), (-0x200, 1500), (0, -1500)])
+def test_inverter_that_keeps_its_speed_gets_quick_stop_as_any_drive(speed: int, shaft: int) -> None:
+    bench = inverter()
+    bench.order(ON, 0x2000 if shaft > 0 else -0x2000, 100, lambda cycle: shaft)
+    assert REACTION <= bench.order(ON, speed, 1000, lambda cycle: shaft) <= REACTION + 5
+    assert bench.numbers == [FaultNumber.STOP_IGNORED]
+
+
+def test_minimum_speed_counts_with_a_setpoint_alone() -> None:
+    """STW1.4 = 0 and OFF1 leave out the bit of the reference, and the ramp ends at 0."""
+    for word in (ON & ~0x10, OFF):
+        bench = inverter()
+        bench.order(ON, 0, 100, lambda cycle: MINIMUM)
+        assert bench.controlword & VL_RAMP == VL_RAMP
+        bench.order(word, 0, REACTION + 15, lambda cycle: MINIMUM)
+        assert bench.numbers == [FaultNumber.STOP_IGNORED]
+    bench = inverter()
+    bench.step(ON & ~0x10)
+    assert bench.controlword & VL_RAMP == VL_RAMP & ~VL_REFERENCE
+
+
+def test_minimum_speed_counts_in_velocity_mode_alone() -> None:
+    acting = {(VL_MIN_MAX, 1): MINIMUM}
+    assert _INVERTER.minimum_speed == MINIMUM
+    assert replace(_INVERTER, acting={(VL_MIN_MAX_BY_DIRECTION, 3): MINIMUM}).minimum_speed == MINIMUM
+    assert replace(_INVERTER, acting={(VL_MIN_MAX, 1): 0xFFFF_FFFF}).minimum_speed == 3000, "no more than 100 %"
+    assert replace(described("rpm"), acting=acting).minimum_speed == 0
+    bench = inverter(described("vl"))
+    bench.step(ON & ~0x10)
+    assert bench.controlword & VL_RAMP == VL_RAMP, "without a minimum"
+    assert bench.order(ON, 0, 1000, lambda cycle: MINIMUM) < REACTION + 600
 
 
 LIMIT = warning_bits(FaultNumber.INTERNAL_LIMIT)
