@@ -202,6 +202,13 @@ class AxisMachine:
         return self.usable and self._stop.needs_last_stop(velocity, self._window, self.inputs.now)
 
     @property
+    def unstopped_since(self) -> int:
+        """Since when the drive has turned against its stops, when none is left; 0 otherwise."""
+        inputs, stop = self.inputs, self._stop
+        unstopped = stop.is_unstopped(inputs.feedback.velocity_actual, self._window, inputs.now)
+        return stop.ignored_at if unstopped and inputs.drive_ok else 0
+
+    @property
     def fault_began(self) -> int:
         """When the drive showed its last fault, monotonic ns."""
         return self._drive.fault_began

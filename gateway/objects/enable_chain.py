@@ -63,6 +63,7 @@ _CONSUMER: Final = (
 _ENTERS: Final = (
     "if it takes longer than {:g} s (enter_ms), check the brake, safe torque off (STO) and the enable input"
 )
+_ONLY_WITHOUT_POWER: Final = "only safe torque off (STO) or switching its supply off stops it"
 _PHYSICAL = (Enable.BUS, Enable.NODE)
 AXIS_CHAIN: Final = (
     *_PHYSICAL,
@@ -192,15 +193,21 @@ class _Chain:
                 self.breaks(offline, f"{node} on bus {network.name}: {text}", todo)
         return False
 
-    def check_severe(self, acknowledge: Acknowledge) -> None:
-        """A severe fault comes before everything else until it is acknowledged, after what it follows from."""
+    def check_severe(self, acknowledge: Acknowledge, unstopped: str) -> None:
+        """A severe fault comes before everything else until it is acknowledged, after what it follows from.
+
+        ``unstopped``: that no stop is left for a drive that turns.
+        """
         origin, severe = self.item.origins.present, self.item.origins.severe
-        if severe is None:
+        if unstopped:
+            self.breaks(Reason.SEVERE_FAULT, unstopped, (_ONLY_WITHOUT_POWER, acknowledge))
+        elif severe is None:
             return
-        text, todo = _fault_and(self.item, severe, acknowledge)
-        if origin is not None and origin.number not in (0, severe.number) and origin.first_ns <= severe.first_ns:
-            text = f"{self.since(origin)}; then: {severe.evidence}"
-        self.breaks(Reason.SEVERE_FAULT, text, todo)
+        else:
+            text, todo = _fault_and(self.item, severe, acknowledge)
+            if origin is not None and origin.number not in (0, severe.number) and origin.first_ns <= severe.first_ns:
+                text = f"{self.since(origin)}; then: {severe.evidence}"
+            self.breaks(Reason.SEVERE_FAULT, text, todo)
         self._links = {Enable.NO_FAULT: self._links.pop(Enable.NO_FAULT)} | self._links
 
     def since(self, origin: Origin) -> str:
@@ -266,8 +273,9 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
             chain.passes(Enable.CONTROL)
             _check_command(chain, axis)
     chain.keep(reason)
-    if not machine.units_contradicted:
-        chain.check_severe(_acknowledge(axis))
+    unstopped = _unstopped_text(axis)
+    if unstopped or not machine.units_contradicted:
+        chain.check_severe(_acknowledge(axis), unstopped)
     if axis.released and axis.powered and axis.turns:
         return chain.enable_status(AxisState.OBEYS)
     return chain.enable_status(
@@ -439,6 +447,16 @@ def _frozen_text(axis: Axis) -> str:
     setpoint = axis.speed_setpoint_rpm
     ignored = "" if setpoint is None else f", setpoint {setpoint:.4g} rpm not followed"
     return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}"
+
+
+def _unstopped_text(axis: Axis) -> str:
+    """For how long a drive has turned that no stop of the gateway stops; empty while there is one left."""
+    if not (since_ns := axis.machine.unstopped_since):
+        return ""
+    loop, velocity, per_rpm = axis.network.loop, axis.drive.feedback.velocity_actual, axis.scaling.velocity_per_rpm
+    speed = f"{float(velocity / per_rpm):g} rpm" if per_rpm else f"606Ch = {velocity}"
+    time = f"since {clock(since_ns, loop)}, for {(loop.now() - since_ns) // SECOND} s, with {speed}"
+    return f"no stop of the gateway stops the drive: it turns, {time}"
 
 
 def _control_word(axis: Axis) -> tuple[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.node.node import Value
 from tests.gateway.test_sync import KNOWN_TO_STOP, SPEED_KEYS, unguarded
-from tests.support.gateways.daemon import Plc, axis, configuration, exchanging, running, until, world_of
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
 OFF3 = 0x047F & ~0x4
 STOP = bytes((NmtCommand.STOP, 1))
@@ -191,3 +192,46 @@ def test_a_drive_that_turns_on_whatever_nmt_and_sdo_say_loses_the_heartbeat() ->
             assert daemon.axes[0].drive.generation == 2, "brought up in between"
             until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
             assert daemon.axes[0].withholds_heartbeat
+
+
+def _ended(last_stop: str, habit: str, *, acknowledges: bool = False) -> str:
+    """The sentence of an axis 20 s after OFF3, with its speed before it."""
+    with running(configuration(axis(1, more=f'simulate = true\nlast_stop = "{last_stop}"'))) as daemon:
+        plc, drive = Plc(daemon, [1]), drive_of(daemon)
+        plc.enable()
+        plc.turn(0x1000)
+        drive.do(lambda node: node.start_fault(habit))
+        with exchanging(plc):
+            plc.endpoint.set(0, {"STW1": OFF3})
+            world_of(daemon).loop.run_for(20 * SECOND + 100 * MS)
+            if acknowledges:
+                plc.endpoint.set(0, {"STW1": OFF3 | 0x80})
+                world_of(daemon).loop.run_for(SECOND)
+            return f"{drive.model.ramp.speed:.0f} rpm: {daemon.axes[0].enable_status.sentence}"
+
+
+@pytest.mark.parametrize("acknowledges", [False, True])
+def test_status_says_for_how_long_a_drive_turns_that_no_stop_stops(*, acknowledges: bool) -> None:
+    said = _ended("none", "quick-stop-too-slow", acknowledges=acknowledges)
+    seconds = 21 if acknowledges else 20
+    assert re.match(
+        rf"[5-7]\d\d rpm: Fault: no stop of the gateway stops the drive: it turns, since \d\d:\d\d:\d\d, for {seconds} s, "
+        rf"with [5-7][\d.]+ rpm\. Only safe torque off \(STO\) or switching its supply off stops it; ",
+        said,
+    ), said
+
+
+def test_status_says_so_of_a_drive_that_contradicts_its_units() -> None:
+    """A runaway is fault 128 first."""
+    with running(configuration(axis(1, more='simulate = true\nlast_stop = "none"'))) as daemon:
+        plc, drive = Plc(daemon, [1]), drive_of(daemon)
+        plc.enable()
+        drive.do(lambda node: node.start_fault("runs-away-without-brake"))
+        with exchanging(plc):
+            world_of(daemon).loop.run_for(10 * SECOND)
+            assert daemon.axes[0].machine.units_contradicted
+            assert "no stop of the gateway stops the drive" in daemon.axes[0].enable_status.sentence
+
+
+def test_status_says_nothing_of_that_while_a_stop_is_left() -> None:
+    assert _ended("disable-voltage", "quick-stop-too-slow").startswith("0 rpm: Fault: drive does not stop")

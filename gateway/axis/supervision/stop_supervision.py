@@ -94,6 +94,8 @@ class StopWatch:
         """The last stop: the drive must get Disable Voltage."""
         self.late = False
         """The drive did not follow an order in time, and has not stopped since."""
+        self.ignored_at = 0
+        """When the first order was given that it did not follow; 0: it has followed."""
 
     def set_drive(self, reference: int, counts_per_unit: float, span: int) -> None:
         """Set 100 % speed in the drive's units, position units a second of one velocity unit (0: unknown), and the number of
@@ -106,6 +108,7 @@ class StopWatch:
         """The drive is off, or follows the PLC again."""
         self._restart()
         self._nmt_tried = self.last = self.late = False
+        self.ignored_at = 0
 
     def _restart(self) -> None:
         self.order = Order.NONE
@@ -182,6 +185,7 @@ class StopWatch:
         if fault is None:
             return None
         self.late = True
+        self.ignored_at = self.ignored_at or self.began
         if order not in QUICK_STOPS:
             if fault is FaultNumber.VELOCITY and self._disables and not self.last:
                 self.last = True  # a runaway has a broken loop, which NMT stop does not open
@@ -213,6 +217,13 @@ class StopWatch:
         braking = now - self.began - self._reaction
         tried = self.brake is not Brake.NONE and self.began >= 0
         return self._disables and tried and abs(velocity) > max(window, self._ramp(max(0, braking)))
+
+    def is_unstopped(self, velocity: int, window: int, now: int) -> bool:
+        """Whether the drive does not even brake while the heartbeat is withheld, the last thing that the gateway can do."""
+        braking = now - self._braked - self._reaction
+        return (
+            self.brake is Brake.WITHHOLD_HEARTBEAT and braking > 0 and abs(velocity) > max(window, self._ramp(braking))
+        )
 
     def coast(self, velocity: int, window: int, now: int) -> bool:
         """One cycle after a stop, with a drive that shows power off. True, once, if it turns and does not become slower."""

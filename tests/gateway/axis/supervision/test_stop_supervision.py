@@ -170,6 +170,28 @@ def test_heartbeat_is_withheld_if_the_drive_turns_after_nmt_stop_and_bring_up() 
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 2
 
 
+def test_drive_that_brakes_while_the_heartbeat_is_withheld_counts_as_stopped() -> None:
+    bench = turning(last_stop=LastStop.NONE)
+    machine, feedback = bench.stepper.machine, bench.drive.feedback
+    without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20)
+    machine.inputs.node_stopped = True
+    without_reaction(bench, QUICK_STOP, 3)
+    machine.inputs.node_stopped = False
+    without_reaction(bench, QUICK_STOP, REACTION // CYCLE)
+    assert not machine.unstopped_since, "a stop is left"
+    assert without_reaction(bench, QUICK_STOP, 20) is Brake.WITHHOLD_HEARTBEAT
+    assert not machine.unstopped_since, "it has its reaction time"
+    without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 3)
+    assert 0 < bench.now - machine.unstopped_since < 4 * REACTION, "since the first stop"
+    feedback.velocity_actual = TURNING // 2
+    without_reaction(bench, QUICK_STOP, 1)
+    assert not machine.unstopped_since
+    feedback.velocity_actual = TURNING
+    bench.drive_ok = False
+    without_reaction(bench, QUICK_STOP, 1)
+    assert not machine.unstopped_since, "its speed is not known"
+
+
 def test_next_stop_after_power_off_starts_with_nmt_again() -> None:
     bench = turning()
     without_reaction(bench, QUICK_STOP, REACTION // CYCLE + 20)
