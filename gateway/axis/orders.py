@@ -84,7 +84,12 @@ ORDERS: Final = {
         Leave.NONE, Line.SETPOINT, False, _SPEED, "a speed setpoint in operation, also 0, must not be exceeded"
     ),
     Order.ZERO: Row(
-        Leave.NONE, Line.RAMP, False, _STOPS, "a speed setpoint inside the standstill window must brake a turning shaft"
+        Leave.NONE,
+        Line.RAMP,
+        False,
+        _STOPS,
+        "a speed setpoint inside the standstill window must brake a turning shaft; one below the minimum speed of an inverter "
+        "(6046h), to 150 % of it",
     ),
     Order.HALT: Row(Leave.NONE, Line.HALT, False, _STOPS, "Halt (CW.8) in operation must brake"),
     Order.STANDSTILL: Row(
