@@ -151,6 +151,7 @@ class AxisMachine:
         """Since when the axis does not follow its speed setpoint; 0 while it does."""
         self.units_contradicted = False
         """Its speed contradicts its units, which count as unknown until an acknowledgement."""
+        self._follows_speed = kind in (Kind.SPEED, Kind.LOAD, Kind.TORQUE)
         self._needed = needed_quantities(self.telegram)
         self._converts = kind is Kind.POSITIONER or kind is Kind.DSC
         self.shows_codes = "FAULT_CODE" in self.telegram.actuals.names
