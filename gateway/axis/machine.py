@@ -80,6 +80,16 @@ _BRAKES: Final = {
     Brake.NMT_STOP: "the gateway has stopped the node (NMT)",
     Brake.WITHHOLD_HEARTBEAT: "the gateway withholds its heartbeat",
 }
+_RAMP_OVER: Final[dict[PowerWish | None, PowerWish]] = {
+    None: PowerWish.NO_PLC_QUICK_STOP,
+    PowerWish.NO_PLC_RAMP: PowerWish.NO_PLC_QUICK_STOP,
+    PowerWish.OFF_DISABLED: PowerWish.QUICK_STOP_DISABLED,
+    PowerWish.OFF: PowerWish.QUICK_STOP,
+    PowerWish.ENABLE: PowerWish.QUICK_STOP,
+    PowerWish.HOLD: PowerWish.QUICK_STOP,
+    PowerWish.STOP: PowerWish.QUICK_STOP,
+}
+"""The quick stop in the place of a request under which a ramp stop continues."""
 _STOPS_WITHOUT_PLC: Final = {
     PowerWish.COAST: PowerWish.NO_PLC_COAST,
     PowerWish.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
@@ -278,12 +288,13 @@ class AxisMachine:
         polled.step(interlock.cell.order, command.controlword, command.target_velocity, self._window)
         if self._follows_speed and polled.is_old:
             self._late = True
-        if not polled.ramps_blindly(self._stop.reference, ramps=interlock.phase is Phase.RAMP_STOP):
+        over = polled.ramps_blindly(self._stop.reference, ramps=interlock.phase is Phase.RAMP_STOP)
+        if not over or wish not in _RAMP_OVER:
             return wish
         age = (inputs.now - inputs.speed_asked_ns) / SECOND
         detail = f"606Ch by SDO is {age:.1f} s old, and the ramp must have ended: the gateway commands Quick Stop"
         self.outputs.found.append((FaultNumber.STOP_IGNORED, detail))
-        return PowerWish.QUICK_STOP
+        return _RAMP_OVER[wish]
 
     def _step_motion(self, known: bool, wish: PowerWish | None) -> tuple[Reason | None, int, Report]:
         """The command to the drive and what it shows: why the axis does not do what the PLC requests, all flags, the values."""

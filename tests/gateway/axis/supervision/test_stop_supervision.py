@@ -533,3 +533,24 @@ def test_each_state_that_must_end_has_its_own_time() -> None:
     assert not watched(watch, Order.OFF2, stopping, REACTION + 1)
     assert not watched(watch, Order.OFF2, stopping, 2 * REACTION)
     assert watched(watch, Order.OFF2, stopping, 2 * REACTION + 2)
+
+
+# -- a speed that is read by SDO ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("word", "controlword"),
+    [(OFF, 0x02), (OFF & ~0x8, 0x02), (ON, 0x02), (ON & ~0x400, 0x02), (None, 0x02), (QUICK_STOP, 0x02), (COAST, 0x00)],
+)
+@pytest.mark.parametrize("loss", [PlcLossReaction.RAMP, PlcLossReaction.COAST])
+def test_a_ramp_with_an_unknown_speed_ends_with_quick_stop_but_off2_wins(
+    word: int | None, controlword: int, loss: PlcLossReaction
+) -> None:
+    bench = turning(on_plc_loss=loss, stop_time_ns=SECOND)
+    inputs = bench.stepper.machine.inputs
+    inputs.speed_asked_ns = inputs.speed_until_ns = 1
+    assert without_reaction(bench, OFF, (2 * SECOND + REACTION) // CYCLE + 2) is Brake.NONE
+    assert bench.stepper.command.controlword & 0xF == 0xF
+    without_reaction(bench, word, 1)
+    expected = 0x00 if word is None and loss is PlcLossReaction.COAST else controlword
+    assert bench.stepper.command.controlword & 0xF == expected
