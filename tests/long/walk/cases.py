@@ -28,7 +28,7 @@ from pdgw.peers.drive import shape
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from tests.long.rules import Rule
 from tests.long.walk.brakes import BrakeMonitor
-from tests.long.walk.drive import anything, guarded
+from tests.long.walk.drive import anything, guarded, polled
 from tests.long.walk.machine import Transducer
 from tests.long.walk.monitor import Expected, Monitor
 from tests.long.walk.plc import HOMING_METHOD, RAW, frames, is_central, stops, with_life
@@ -80,6 +80,8 @@ class Case:
     """A drive at standstill has five steps to leave operation, as with a holding brake."""
     life: int | None = None
     """P925, with a PLC that has a sign of life; None: without one."""
+    by_sdo: bool = False
+    """The speed of the drive is read by SDO, with late and lost answers."""
     homing: bool = False
     """Traversing tasks with homing."""
     jog: bool = False
@@ -96,6 +98,7 @@ class Case:
                 "guarding" * self.guarding,
                 "brake" * self.brake,
                 "sign of life" * (self.life is not None),
+                "speed by SDO" * self.by_sdo,
             ),
             *("homing" * self.homing, "jog" * self.jog),
         )
@@ -116,6 +119,7 @@ class Case:
             answer_steps=ANSWER_NS // self.tick_ns,
             enter_steps=2,
             on_steps=_ON_STEPS,
+            by_sdo=self.by_sdo,
         )
         monitor = BrakeMonitor(_BRAKE_STEPS if self.brake else 0) if self.guarding else Monitor(expected)
         result = search(PowerWalk(machine, monitor), machine, until)
@@ -128,9 +132,11 @@ class Case:
     def machine(self, kind: Callable[..., Walked]) -> Walked:
         """The axis machine with all inputs. ``kind``: Transducer or a subclass."""
         shown = self._shown()
-        inputs = product(self._frames(), guarded(shown) if self.guarding else shown)
-        on_ns = self.tick_ns * _ON_STEPS
-        return kind(self.number, self.settings(), drive(), self.tick_ns, inputs, guarding=self.guarding, on_ns=on_ns)
+        shown = guarded(shown) if self.guarding else polled(shown) if self.by_sdo else shown
+        made, on_ns = self._frames(), self.tick_ns * _ON_STEPS
+        inputs = product(stops(made) if self.by_sdo else made, shown)
+        more = {"guarding": self.guarding, "on_ns": on_ns, "polled": self.by_sdo}
+        return kind(self.number, self.settings(), drive(), self.tick_ns, inputs, **more)
 
     @property
     def _tasks(self) -> bool:
@@ -204,5 +210,6 @@ def every() -> Iterator[Case]:
             case = Case(number, loss, resume, hold, full=full, tick_ns=FINE_TICK_NS if full else TICK_NS)
             if case not in before:
                 yield case
+    yield from (Case(1, loss, by_sdo=True) for loss in PlcLossReaction)
     yield from (Case(number, homing=True, tick_ns=LONG_TICK_NS) for number in TASK_TELEGRAM_NUMBERS)
     yield from (Case(number, jog=True, tick_ns=LONG_TICK_NS) for number in POSITIONER_TELEGRAM_NUMBERS)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from pdgw.base.durations import SECOND
+from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.gateway.axis.adapters.adapter import _UNCONTROLLED, Adapter, ControlWordAdapter
@@ -38,6 +38,7 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
 from pdgw.gateway.axis.supervision.growth import Growth
+from pdgw.gateway.axis.supervision.polled_speed import PolledSpeed
 from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, PositionSpeed
 from pdgw.gateway.axis.supervision.stop_supervision import _OVER_NS, QUICK_STOPS, StopWatch
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
@@ -122,6 +123,15 @@ OF: Final[dict[type, dict[str, Any]]] = {
             "_still_since": 1,
         },
     },
+    PolledSpeed: {
+        "ASIDE": frozenset({"_word", "_asked"}),
+        "INSTANTS": lambda item: {
+            # The request to an answer of the next step is less than one step older.
+            "_ordered_at": 200 * MS,
+            "_ramp_at": item._reaction + item._stopped_within + 1,
+            "_from_at": item._reaction + item._stopped_within + 1,
+        },
+    },
     # A note is made of these, and no command.
     VelocityCheck: {
         "ASIDE": frozenset({"apart", "_apart", "_apart_at"}),
@@ -137,6 +147,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     PositionSpeed: {"INSTANTS": {"position_ns": SAMPLE_NS}},
     Inputs: {
         "ASIDE": frozenset({"now"}),
+        "INSTANTS": {"speed_asked_ns": 300 * MS, "speed_until_ns": 1},
         "PASSING": frozenset(
             {
                 "fault_code",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
-from tests.long.walk.values import Shown
+from tests.long.walk.values import Answered, Shown
 
 TURNING = 3000
 """606Ch of an axis that turns, at the setpoint."""
@@ -54,6 +54,16 @@ def anything(mode: int, *, tasks: bool, homing: bool, jog: bool, full: bool) -> 
             Shown("restarted, Operation Enabled", _OPERATING, TURNING, restarted=True),
         ]
     return [item if item.mode else item._replace(mode=mode) for item in shown]
+
+
+def polled(shown: list[Shown]) -> list[Shown]:
+    """Those in which the speed matters also with a late answer for it, or none."""
+    enabled = STATUS_OF[State.OPERATION_ENABLED]
+    return [
+        item._replace(name=", ".join(filter(None, (item.name, answered.value))), answered=answered)
+        for item in shown
+        for answered in (Answered if item.ok and item.statusword & enabled == enabled else (Answered.FRESH,))
+    ]
 
 
 def guarded(shown: list[Shown]) -> list[Shown]:

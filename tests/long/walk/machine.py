@@ -19,7 +19,7 @@ from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
 from tests.long.walk.checkpoint import Checkpoint, Checkpoints
 from tests.long.walk.plc import HOMING_METHOD
-from tests.long.walk.values import Life, Numbered, Output, Plc, Shown
+from tests.long.walk.values import Answered, Life, Numbered, Output, Plc, Shown
 
 _START = 1000 * SECOND
 """Time of the first step, late enough for every age."""
@@ -39,8 +39,10 @@ class Transducer:
         *,
         guarding: bool = False,
         on_ns: int = 0,
+        polled: bool = False,
     ) -> None:
-        """``on_ns``: the longest time of an ON, without that of a brake; 0: that of the settings."""
+        """``on_ns``: the longest time of an ON, without that of a brake; 0: that of the settings. ``polled``: the speed is read
+        by SDO."""
         self._machine = AxisMachine(number, settings, DriveFeedback())
         if on_ns:
             self._machine.interlock._commanded.limits = _limits(settings.latency_ns, on_ns)
@@ -48,6 +50,7 @@ class Transducer:
         self._tick = tick_ns
         self._checkpoints = Checkpoints(self._machine, any_counter=True, stops=guarding, data=False)
         self._guarding = guarding
+        self._polled = polled
         self._fingerprints = Numbered[Hashable]()
         self._states: list[Checkpoint] = []
         self._rows: list[dict[int, tuple[int, int]]] = []
@@ -97,6 +100,11 @@ class Transducer:
         feedback = inputs.feedback
         feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity
         feedback.modes_of_operation_display, feedback.position_actual = shown.mode, shown.position
+        if self._polled and shown.answered is not Answered.NONE:
+            late = self._tick * 3 // 2
+            asked = inputs.now - (late if shown.answered is Answered.LATE else 1)
+            if asked > inputs.speed_asked_ns:
+                inputs.speed_asked_ns, inputs.speed_until_ns = asked, asked + late
         if shown.restarted:
             inputs.news.append(Configured(self._drive, HOMING_METHOD))
         if shown.found_off:

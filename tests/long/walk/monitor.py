@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from tests.long.walk.plc import (
     JOG,
     NO_INTERMEDIATE_STOP,
 )
-from tests.long.walk.values import Life, Output, Plc, Shown
+from tests.long.walk.values import Answered, Life, Output, Plc, Shown
 
 _SWITCH_ON, _OFF, _ON = 0x7, 0x6, 0x7
 _VOLTAGE, _STOPS, _DISABLE = 0x2, 0x6, 0x8
@@ -28,6 +29,8 @@ _CERTAIN = 3
 """After this number of consecutive Enable Operation the drive has received one."""
 _DEAD = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, *FAULTY)
 """States without power that a delayed Enable Operation cannot leave."""
+_ANSWERS, _OLD, _BLIND = 2, 2, 2
+"""Answers of a standstill; steps after which an answer is old; steps in which a ramp continues without one."""
 _BELOW = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON)
 """States below Switched On."""
 
@@ -55,6 +58,16 @@ class Expected:
     """Steps in which a drive enters operation."""
     on_steps: int = 0
     """Steps in which a drive below Switched On follows an ON."""
+    by_sdo: bool = False
+    """The speed of the drive is read by SDO: a ramp ends after two answers to requests since it began."""
+
+
+class Stopping(enum.Enum):
+    """The stop that the PLC, or its loss, asks for."""
+
+    NONE = ""
+    RAMP = "OFF1"
+    BRAKE = "OFF3"
 
 
 class Memory(NamedTuple):
@@ -100,6 +113,14 @@ class Memory(NamedTuple):
     """Steps in Switched On after Enable Operation, up to the first that is too late."""
     waits: int = 0
     """Steps in which the PLC sends ON and the drive is below Switched On, up to the first in which the ON is used up."""
+    stopping: Stopping = Stopping.NONE
+    """With ``by_sdo``,"""
+    steps: int = 0
+    """steps since it began, up to the first in which a ramp without a known speed may end;"""
+    still: int = 0
+    """answers since then in succession, up to two, that showed standstill;"""
+    aged: int = 2
+    """and steps since the last request, up to the first in which its answer is old."""
     halting: int = 0
     """Steps in which an axis with tasks turned in spite of Halt, up to the first that is too late: it may get Quick Stop."""
 
@@ -181,6 +202,7 @@ class _Step:
         self.asked = _Asked(expected, memory, plc)
         self.asked.stop(memory, plc, raw=expected.raw)
         self.power = output.controlword & ENABLE
+        self.stopping, self.steps, self.still, self.aged = Stopping.NONE, 0, 0, _OLD
         state = STATE_OF_STATUS[shown.statusword & 0x7F] if shown.ok else None
         self.uncertain = state is None or state in FAULTY
         self.in_operation = state is State.OPERATION_ENABLED
@@ -215,7 +237,7 @@ class _Step:
     def stop(self) -> None:
         """The stops that the PLC asks for, or its loss."""
         asked, memory, seen = self.asked, self.memory, self.seen
-        turns = self.shown.velocity != 0
+        turns = self._may_turn() if self.expected.by_sdo else self.shown.velocity != 0
         stopping = self.uncertain or self.shown.restarted or memory.brakes or memory.coasts or asked.disable
         stuck = max(memory.entering, memory.halting) > self.expected.enter_steps
         seen.ramps = asked.ramp and self.in_operation and turns and memory.enables > 0 and not (stopping or stuck)
@@ -224,6 +246,26 @@ class _Step:
         seen.may_coast = asked.coast or memory.coasts or asked.disable
         moves = self.in_operation or (seen.state is State.QUICK_STOP_ACTIVE and turns)
         seen.quick_stops = memory.brakes and moves
+
+    def _may_turn(self) -> bool:
+        """The speed is read by SDO: a stop has to continue, unless the speed of a ramp was unknown for too long."""
+        memory, shown = self.memory, self.shown
+        brakes = self.asked.brake or memory.brakes or memory.quick_stop
+        ramps = self.asked.ramp or memory.ramp
+        self.stopping = Stopping.BRAKE if brakes else Stopping.RAMP if ramps else Stopping.NONE
+        self.steps = memory.steps if self.stopping is memory.stopping else 0
+        fresh = shown.answered is Answered.FRESH
+        answered = fresh or (shown.answered is Answered.LATE and memory.aged > 0)
+        self.aged = min((0 if fresh else _OLD - 1) if answered else memory.aged + 1, _OLD)
+        still = memory.still if self.steps else 0
+        if answered:
+            after_order = self.steps > (0 if fresh else 1)
+            still = min(still + 1, _ANSWERS) if not shown.velocity and after_order else 0
+        self.still = still
+        if self.aged < _OLD and still == _ANSWERS:
+            return False
+        known = self.aged < _OLD and shown.velocity != 0
+        return known or brakes or self.steps < _BLIND
 
     def speed(self) -> None:
         """A telegram with a speed."""
@@ -306,5 +348,9 @@ class _Step:
             missed=asked.missed,
             entering=entering if memory.enables and state is State.SWITCHED_ON else 0,
             waits=min(memory.waits + 1, self.expected.on_steps) if waits else 0,
+            stopping=self.stopping,
+            steps=min(self.steps + 1, _BLIND) if self.stopping is not Stopping.NONE else 0,
+            still=self.still,
+            aged=self.aged,
             halting=min(memory.halting, self.expected.enter_steps) + 1 if ignored else 0,
         )

@@ -54,6 +54,16 @@ class Plc(NamedTuple):
     """The homing is one by the touch probe; likewise."""
 
 
+class Answered(enum.Enum):
+    """The speed of a drive that has it in no TPDO: what comes in one cycle of an answer by SDO."""
+
+    FRESH = ""
+    """One to a request just before the cycle."""
+    LATE = "late answer"
+    """One to a request of one and a half cycles before, if there was none later: it is old in the next cycle."""
+    NONE = "no answer"
+
+
 class Shown(NamedTuple):
     """What the drive reports in one cycle."""
 
@@ -77,6 +87,8 @@ class Shown(NamedTuple):
     """Answer to the SDO writes of the machine: empty if accepted, else the reason; None: no answer."""
     after_ns: int | None = None
     """Time since the last cycle; None: the usual one."""
+    answered: Answered = Answered.FRESH
+    """Of ``velocity``, if it is read by SDO."""
     latched: bool | None = None
     """Answer of the touch probe: a position, or that the drive has none; None: no answer."""
 
