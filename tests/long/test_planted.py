@@ -147,7 +147,7 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
         Narrow(2, life=1),
         replaced(SignOfLife, "failed", False),
     ),
-    "drive that does not stop left alone": (GUARDING, replaced(StopWatch, "step", lambda *_: None)),
+    "drive that does not stop left alone": (GUARDING, replaced(StopWatch, "step", lambda *_, **__: None)),
     "brake released when the drive is lost": (GUARDING, wrapped(StopWatch, "step", brake_ends_with_the_drive)),
     "standing task bit starts": (Narrow(9), wrapped(MdiPositioner, "step", standing_task_bit_starts)),
     "standing homing bit starts": (

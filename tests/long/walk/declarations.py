@@ -56,7 +56,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "ASIDE": frozenset({"controlword"}),
         "DATA": frozenset({"profile_acceleration", "profile_deceleration", "profile_velocity", "target_position"}),
     },
-    ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"word"})},
+    ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"unheard", "word"})},
     PositionerAdapter: {"ASIDE": frozenset({"_last"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},
@@ -65,7 +65,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     Homing: {"INSTANTS": lambda item: {"_started": item._latency}},
     ModeSwitch: {"INSTANTS": {"since": MODE_CONFIRM_NS}, "PASSING": frozenset({"asked"})},
     MotionExecutor: {
-        "INSTANTS": {"_set_at": ACKNOWLEDGE_NS},
+        "INSTANTS": {"_set_at": ACKNOWLEDGE_NS, "_blocked_at": ACKNOWLEDGE_NS},
         "PASSING": frozenset({"_position_objects", "_drive_scaling"}),
         # No position of the walk is read by SDO.
         "ASIDE": frozenset({"_attained_at"}),
@@ -105,10 +105,14 @@ OF: Final[dict[type, dict[str, Any]]] = {
     },
     Acknowledgement: {"ASIDE": frozenset({"_until", "_seen"})},
     DriveWatch: {
-        "ASIDE": frozenset({"_unannounced", "fault_began", "fault_since"}),
+        "ASIDE": frozenset({"_supplied", "_unannounced", "fault_began", "fault_since"}),
         "SUPERVISION": frozenset({"shown"}),
     },
-    AxisMachine: {"PASSING": frozenset({"in_fault"}), "SUPERVISION": frozenset({"_late"})},
+    AxisMachine: {
+        "PASSING": frozenset({"in_fault"}),
+        "SUPERVISION": frozenset({"_late"}),
+        "ASIDE": frozenset({"lags_since"}),
+    },
     StopWatch: {
         "WHILE": ("order", QUICK_STOPS),
         # The time between two steps.
