@@ -241,7 +241,9 @@ class Axis(DriveObject):
             word = self.drive.feedback.statusword
             if reason is Reason.INHIBITED and (state := state_of(word)) is not None:
                 supply = bool(word & StatusBit.VOLTAGE_ENABLED) or not self.machine.lacks_supply(state, unproven=True)
-                evidence, remedy = self.unheard or used_up(state, self._settings.enter_ns, supply=supply)
+                evidence, remedy = self.unheard or used_up(
+                    state, self._settings.enter_ns, supply=supply, remote=bool(word & StatusBit.REMOTE)
+                )
                 return Origin(By.DRIVE, evidence, now, remedy)
             order = ORDERS.get(reason)
             return Origin(By.PLC if order else By.DRIVE, order or (reason or Reason.NEEDS_OFF).value, now)

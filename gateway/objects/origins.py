@@ -34,14 +34,18 @@ _LACKS: Final = {
 """What a drive lacks in a state that Shutdown must end at once. In the others it lacks what its power stage needs."""
 
 
-def used_up(state: State, enter_ns: int, *, supply: bool) -> tuple[str, Remedy]:
+def used_up(state: State, enter_ns: int, *, supply: bool, remote: bool) -> tuple[str, Remedy]:
     """Evidence and remedy of an ON that the drive has not followed from a state, in the time ``enter_ns`` of its power stage.
-    ``supply``: the drive does not show that it lacks its supply."""
+
+    ``supply``: the drive does not show that it lacks its supply; ``remote``: nor that it is in local mode (Statusword.9).
+    """
     lacks, time, todo = _LACKS.get(state, ""), "", Reason.INHIBITED.remedy
     if not lacks:
         lacks, time = "main contactor, DC link or enable input", f" for {enter_ns / SECOND:g} s (enter_ms)"
     if not supply:
         lacks, todo = "no supply voltage (Statusword.4 = 0)", Reason.NO_SUPPLY.remedy
+    elif not remote:
+        lacks, todo = f"{lacks}, or local mode (Statusword.9 = 0)", (*Reason.LOCAL_MODE.remedy, *todo)
     return f"the drive did not leave {state.value}{time} after ON: {lacks}", todo
 
 

@@ -9,6 +9,7 @@ from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.objects import MAX_PROFILE_VELOCITY
+from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.node.behaviour import Behaviour
@@ -130,6 +131,15 @@ def _release(plc: Plc, daemon: Daemon) -> None:
     drive_of(daemon).model.disguises.clear()
 
 
+def _start_local(daemon: Daemon) -> None:
+    """From power-on the drive is in local mode, and has not shown remote mode yet."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.statusword = STATUS_OF[State.SWITCH_ON_DISABLED] | StatusBit.VOLTAGE_ENABLED
+
+    drive_of(daemon).model.disguises.append(shows)
+
+
 def _stop_sending(places: int) -> Step:
     """The CAN adapter receives, takes this number of frames to send and sends none."""
 
@@ -221,6 +231,19 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         lacks=("STO", "enable input"),
         health=Health.WARNING,
         cure=_hear,
+    ),
+    "the drive is in local mode from power-on": Situation(
+        operates=False,
+        spoil=_start_local,
+        begin=words((OFF, {}), (OFF, {}), (ON, {})),
+        says=(
+            "Waits: the drive did not leave Switch On Disabled after ON: ",
+            "safe torque off (STO), enable input or supply, or local mode (Statusword.9 = 0)",
+            "Switch the drive to remote at its panel",
+            "close STO",
+        ),
+        health=Health.WARNING,
+        cure=both(_release, words((OFF, {}), (OFF, {}), (ON, {}))),
     ),
     "another tool has set the greatest speed of the drive below the setpoint": Situation(
         begin=both(_limit_speed, _wait(2)),
