@@ -27,6 +27,11 @@ class Outage(enum.Enum):
         member._value_, member.remedy = text, remedy
         return member
 
+    @property
+    def text(self) -> str:
+        """Evidence."""
+        return str(self.value)
+
     INTERFACE = (
         "its interface is lost",
         "check the CAN interface, its plug and its driver",

@@ -17,7 +17,9 @@ import can
 from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
+from pdgw.ds301.bus.flood import AGAIN_NS, SAMPLE_NS, Census, Flood
 from pdgw.ds301.bus.health import BusHealth, Outage
+from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
 from pdgw.ds301.communication import (
@@ -106,6 +108,11 @@ class CanNetwork(Receiver):
         self.bus_off = 0
         self.error_passive = 0
         self.health = BusHealth()
+        self.bitrate = DEFAULT_BITRATE
+        self.flood: Flood | None = None
+        """What fills the bus; looked for only after a loss."""
+        self._census: Census | None = None
+        self._next_census: Timer | None = None
         self.listeners: list[FrameListener] = []
         self.on_drop: list[Callable[[], None]] = []
         """Called when frames of any sender were dropped."""
@@ -176,7 +183,7 @@ class CanNetwork(Receiver):
     def close(self) -> None:
         """Release the interface for good."""
         self._started = False
-        for timer in (self._reopening, self._check_timer):
+        for timer in (self._reopening, self._check_timer, self._next_census):
             if timer is not None:
                 timer.cancel()
         self._drop_sdo()
@@ -410,12 +417,37 @@ class CanNetwork(Receiver):
             self.syncs += 1
             self.send(SYNC, b"")
 
+    # -- a full bus -----------------------------------------------------------------------------------------------------
+
+    def examine(self) -> None:
+        """A node is silent, or no frame goes out: does another sender fill the bus? Repeated while it does."""
+        if self._census is None and self._next_census is None and self._port is not None:
+            self._begin_census()
+
+    def _begin_census(self) -> None:
+        self._census = Census()
+        self._next_census = self.loop.call_later(SAMPLE_NS, self._end_census)
+
+    def _end_census(self) -> None:
+        census, self._census, self._next_census = self._census, None, None
+        before, self.flood = self.flood, None if census is None else census.flood(self.bitrate)
+        if self.flood is not None:
+            self._next_census = self.loop.call_later(AGAIN_NS, self._begin_census)
+        if self.flood is not None and (before is None or before.can_id != self.flood.can_id):
+            text = f"bus {self.name}: {self.flood.text}"
+            log.error("CAN %s", text, extra=self._log_fields)
+            self.log_event(text)
+        elif self.flood is None and before is not None:
+            self.log_event(f"bus {self.name}: not full any more")
+
     # -- events of the port ---------------------------------------------------------------------------------------------
 
     def on_frame(self, can_id: int, data: bytes, now: int) -> None:
         """A data frame with a standard identifier."""
         self.received += 1
         self._note_received(now)
+        if self._census is not None:
+            self._census.count(can_id, len(data))
         if self.tap is not None:
             self.tap.frame(can_id, data, now)
         if self.listeners:
@@ -522,6 +554,8 @@ class CanNetwork(Receiver):
             return
         text = f"bus {self.name}: {'healthy' if outage is None else f'LOST: {outage.value}'}"
         self.log_event(text)
+        if outage is not None:
+            self.examine()
         if outage is not None and outage is not Outage.INTERFACE:  # whose line has the error of the system
             log.error("CAN %s", text, extra=self._log_fields)
 

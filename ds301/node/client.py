@@ -395,6 +395,8 @@ class NodeClient(abc.ABC, Generic[S]):
             self._jobs.fail(self._not_online)
         if not changed:
             return
+        if status in (NodeStatus.LOST, NodeStatus.OFFLINE):
+            self.network.examine()
         if status is NodeStatus.LOST:
             self._notify(Notice.BUS_LOST if self.bus_failed else Notice.LOST, text, self.loss)
         else:

@@ -115,6 +115,7 @@ class Daemon:
                 network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name, bus.node_id)
                 opened.callback(network.close)
                 network.log_event = partial(self._on_bus, network)
+                network.bitrate = bus.bitrate or DEFAULT_BITRATE
                 self.networks[bus.name] = network
             self._buses = tuple(self.networks.values())
             self._same_ids = {name: self._same_id(network) for name, network in self.networks.items()}
@@ -197,10 +198,11 @@ class Daemon:
     def _on_bus(self, network: CanNetwork, text: str) -> None:
         """The bus is lost, for another reason, or back."""
         self.events.add("bus", None, text)
-        if (outage := network.health.outage) is not None:
-            for item in self.objects:
-                if item.network is network:
-                    item.origins.prove(By.BUS, f"bus {network.name}: {outage.value}", (outage.remedy,), self.loop.now())
+        evidence = network.flood or network.health.outage
+        for item in self.objects:
+            if evidence is not None and item.network is network:
+                text = f"bus {network.name}: {evidence.text}"
+                item.origins.prove(By.BUS, text, (evidence.remedy,), self.loop.now())
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""

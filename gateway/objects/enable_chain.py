@@ -157,7 +157,11 @@ class _Chain:
     def check_node(self, offline: Reason) -> bool:
         """Bus and node; False if the device cannot be checked."""
         network, client = self.item.network, self.item.client
-        if (outage := network.health.shown(network.loop.now())) is not None:
+        outage, flood = network.health.shown(network.loop.now()), network.flood
+        if flood is not None and (outage is not None or not self.item.good):
+            self.breaks(Reason.BUS_LOST, f"bus {network.name}: {flood.text}", (flood.remedy,))
+            return False
+        if outage is not None:
             again = () if outage is Outage.STAYS_OFF else ("the gateway connects again by itself",)
             self.breaks(Reason.BUS_LOST, f"bus {network.name}: {outage.value}", (outage.remedy, *again))
             return False

@@ -11,6 +11,9 @@ from typing import Any
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.base.version import package_version
+from pdgw.ds301.bus.flood import Flood
+from pdgw.ds301.bus.health import Outage
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.loop.loop import Event, Loop, Task, Timer
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
@@ -249,6 +252,11 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     )
 
 
+def _outage(network: CanNetwork) -> Outage | Flood | None:
+    """Why a bus does not serve its nodes; None if it does."""
+    return network.flood or network.health.shown(network.loop.now())
+
+
 def _head(daemon: RunningGateway) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
@@ -282,8 +290,8 @@ def _head(daemon: RunningGateway) -> dict[str, Any]:
                 "interface": bus.interface,
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
-                "healthy": (outage := daemon.networks[bus.name].health.shown(loop.now())) is None,
-                "outage": "" if outage is None else outage.value,
+                "healthy": (outage := _outage(daemon.networks[bus.name])) is None,
+                "outage": "" if outage is None else outage.text,
                 "unconfigured": daemon.networks[bus.name].unconfigured,
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }

@@ -140,6 +140,27 @@ def _start_local(daemon: Daemon) -> None:
     drive_of(daemon).model.disguises.append(shows)
 
 
+def _flood(plc: Plc, daemon: Daemon) -> None:
+    """A device sends frames without a pause: its identifier wins each arbitration."""
+    sender = world_of(daemon).bus("world").join("flood")
+    sender.droppable = True
+
+    def send() -> None:
+        while not sender.closed and len(sender.queue) < sender.places:
+            sender.send(0x002, bytes(8))
+        if not sender.closed:
+            plc.loop.call_later(MS, send)
+
+    send()
+
+
+def _end_flood(plc: Plc, daemon: Daemon) -> None:
+    (sender,) = [member for member in world_of(daemon).bus("world").members if member.name == "flood"]
+    sender.drop()
+    sender.close()
+    online(plc, daemon)
+
+
 def _stop_sending(places: int) -> Step:
     """The CAN adapter receives, takes this number of frames to send and sends none."""
 
@@ -244,6 +265,15 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         ),
         health=Health.WARNING,
         cure=both(_release, words((OFF, {}), (OFF, {}), (ON, {}))),
+    ),
+    "a device fills the bus with one identifier": Situation(
+        begin=both(_flood, _wait(2)),
+        says=(
+            "Not on the bus: bus can: frames with COB-ID 002h fill the bus: more than ",
+            "Find the device that sends COB-ID 002h",
+        ),
+        lacks=("silent", "power", "interface"),
+        cure=_end_flood,
     ),
     "another tool has set the greatest speed of the drive below the setpoint": Situation(
         begin=both(_limit_speed, _wait(2)),
