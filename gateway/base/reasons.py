@@ -564,6 +564,12 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         _S.OBEYS,
     )
+    HOME_LOST = (
+        "an absolute task runs without a home position",
+        "stop the task, and home the axis before an absolute task",
+        _E.SETPOINT,
+        _S.OBEYS,
+    )
 
 
 def with_count(text: str, count: int, duration_ns: int) -> str:

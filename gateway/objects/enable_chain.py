@@ -402,6 +402,8 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
         chain.breaks(reason, _frozen_text(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason, *_order_and(chain, axis, reason))
+    elif reason is None and axis.machine.executor.home_lost and axis.machine.executor.needs_home:
+        chain.breaks(Reason.HOME_LOST, f"{_home_text(axis)}, and an absolute task runs without it")
     elif (texts := lag_and(axis)) is not None and not any(reductions(axis)):
         chain.breaks(Reason.LAGS, *texts)
     elif reason is None:
@@ -444,6 +446,19 @@ def _check_latch(chain: _Chain, axis: Axis) -> None:
         chain.breaks(Reason.NEEDS_OFF)
         return
     chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", with_on(origin.remedy))
+
+
+def _home_text(axis: Axis) -> str:
+    """That the home position was lost; empty if it was not."""
+    lost = axis.machine.executor.home_lost
+    return f"the home position was lost with the drive at {clock(lost, axis.network.loop)}" if lost else ""
+
+
+def activity(axis: Axis) -> str:
+    """What an axis does for a long time without a setpoint that shows it: homing; else empty."""
+    executor = axis.machine.executor
+    homes = executor.homes_since
+    return f"homing since {clock(homes, axis.network.loop)}, no home position yet" if homes else ""
 
 
 def _frozen_text(axis: Axis) -> str:
@@ -542,6 +557,7 @@ def notes(axis: Axis) -> list[str]:
             )
     if any(reductions(axis)) and (texts := lag_and(axis)) is not None:
         found.append(texts[0])
+    found += filter(None, (activity(axis), _home_text(axis)))
     found += _sensor_notes(axis)
     if axis.machine.executor.range_note:
         found.append(axis.machine.executor.range_note)

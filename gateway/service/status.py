@@ -23,7 +23,7 @@ from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.base.store import units_text
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.objects.enable_chain import device_warning, notes
+from pdgw.gateway.objects.enable_chain import activity, device_warning, notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
@@ -186,6 +186,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         | {
             "drive_state": state.value if state and axis.good else "unknown",
             "notes": notes(axis),
+            "activity": activity(axis),
             "statusword": feedback.statusword,
             "controlword": axis.outputs.command.controlword,
             "position_unit": position_unit,

@@ -170,6 +170,8 @@ def _configuration(file: str, modified: float, width: int) -> Iterator[str]:
 def _row(item: dict[str, Any]) -> str:
     """One drive object in one line."""
     parts = [f"node {item['node_id']} {item['drive']}", f"telegram {item['telegram']}"]
+    if item.get("activity"):
+        parts.append(item["activity"])
     last = item.get("last")
     if last is None:
         parts += _values(item, item)

@@ -72,6 +72,21 @@ class Executor:
         return ""
 
     @property
+    def homes_since(self) -> int:
+        """Since when the axis homes, monotonic ns; 0: it does not."""
+        return 0
+
+    @property
+    def home_lost(self) -> int:
+        """When the home position was lost with the drive, monotonic ns; 0: it was not, or there is a new one."""
+        return 0
+
+    @property
+    def needs_home(self) -> bool:
+        """An absolute task runs."""
+        return False
+
+    @property
     def ignored(self) -> int:
         """Bits of STW1 that are 1 and start nothing."""
         return 0

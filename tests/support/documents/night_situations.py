@@ -14,6 +14,7 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.tools.output.status_text import Health
+from tests.support.documents.device_situations import MDI, POSITIONER
 from tests.support.documents.origin_situations import find, miss
 from tests.support.documents.situations import Situation, Step, acknowledge, both, online, run_out, words
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, drive_of, world_of
@@ -161,6 +162,17 @@ def _end_flood(plc: Plc, daemon: Daemon) -> None:
     online(plc, daemon)
 
 
+def _lose_home(plc: Plc, daemon: Daemon) -> None:
+    """The drive loses its 24 V for a moment after its homing, and the PLC sends an absolute task."""
+    words((0x043E, MDI), (0x043F, {}), (0x0C3F, {}))(plc, daemon)
+    plc.until(lambda: plc.value("ZSW1") & 1 << 11, "the home position")
+    words((0x043F, {}))(plc, daemon)
+    drive_of(daemon).node.start_fault("reboot")
+    miss(plc, daemon)
+    find(plc, daemon)
+    words((0x043E, {}), (0x043F, MDI | {"MDI_TARPOS": 200_000, "MDI_VELOCITY": 1200}), (0x047F, {}))(plc, daemon)
+
+
 def _stop_sending(places: int) -> Step:
     """The CAN adapter receives, takes this number of frames to send and sends none."""
 
@@ -274,6 +286,17 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         ),
         lacks=("silent", "power", "interface"),
         cure=_end_flood,
+    ),
+    "telegram 111: an absolute task after the drive has lost its home position": Situation(
+        tables=POSITIONER,
+        begin=_lose_home,
+        says=(
+            "In operation: the home position was lost with the drive at ",
+            "an absolute task runs without it",
+            "home the axis before an absolute task",
+        ),
+        health=Health.WARNING,
+        cure=words((0x043F, {}), (0x0C3F, {}), (0x043F, {})),
     ),
     "another tool has set the greatest speed of the drive below the setpoint": Situation(
         begin=both(_limit_speed, _wait(2)),

@@ -25,7 +25,16 @@ from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
 from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Lack, Motion, PositionerRequest, Seen
+from pdgw.gateway.motion.requests import (
+    NOTHING,
+    Command,
+    HomingResult,
+    Lack,
+    Motion,
+    MotionKind,
+    PositionerRequest,
+    Seen,
+)
 from pdgw.gateway.motion.states import FUNCTIONS, State
 from pdgw.gateway.motion.travel import Stall
 from pdgw.profidrive.signals import signal
@@ -119,6 +128,9 @@ class MotionExecutor(Executor):
         """The drive has 6081h: its tasks have the speed that they are given."""
         self._rested = False
         """The axis was at rest without Halt, and no motion has begun since."""
+        self._function, self._function_since = positioner.state, 0
+        """The active function and its begin, monotonic ns."""
+        self._home_lost = 0
         self._attained = 0
         """Cycles since the drive said that it has its zero."""
         self._attained_at = 0
@@ -172,6 +184,19 @@ class MotionExecutor(Executor):
         return f"{text}: {forward:.1f} turns forward, {backward:.1f} turns backward"
 
     @property
+    def homes_since(self) -> int:
+        return self._function_since if self._function is State.HOMING else 0
+
+    @property
+    def home_lost(self) -> int:
+        return 0 if self.positioner.home_set else self._home_lost
+
+    @property
+    def needs_home(self) -> bool:
+        goal = self.positioner.course.goal
+        return goal is not None and goal.kind is MotionKind.POSITION and goal.distance is None and not goal.relative
+
+    @property
     def limit_side(self) -> int:
         way = self.positioner.way
         return (way > 0) - (way < 0)
@@ -193,6 +218,8 @@ class MotionExecutor(Executor):
     def _forget_home(self) -> None:
         """The drive has new coordinates."""
         self._ring.reset()
+        if self.positioner.home_set:
+            self._home_lost = self.inputs.now
         self.positioner.forget_home()
 
     def speeds(self) -> tuple[int, int] | None:
@@ -294,6 +321,10 @@ class MotionExecutor(Executor):
             bits |= Seen.INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
         reason = positioner.step(self._asked.motion, inputs.now)
+        if positioner.state is not self._function:
+            self._function, self._function_since = positioner.state, inputs.now
+            if self._function is State.HOMING:
+                self._home_lost = 0
         if positioner.course.held is Reason.TASK_AT_LIMIT:
             self.outputs.warn(FaultNumber.INTERNAL_LIMIT, AT_LIMIT_TEXT)
         else:
