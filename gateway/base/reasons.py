@@ -74,6 +74,8 @@ class Reason(enum.Enum):
     enable: Enable
     """The link of the chain it breaks."""
     remedy: Remedy
+    past: str
+    """The text when it is over and ON is still ignored; empty: ``value`` stays true."""
 
     def __new__(
         cls,
@@ -81,11 +83,12 @@ class Reason(enum.Enum):
         steps: Step | Remedy,
         enable: Enable = Enable.SETPOINT,
         state: AxisState = AxisState.WAITS,
+        past: str = "",
     ) -> Reason:
         member = object.__new__(cls)
         member._value_ = text
         member.code = len(cls.__members__) + 1
-        member.state, member.enable = state, enable
+        member.state, member.enable, member.past = state, enable, past
         member.remedy = (steps,) if isinstance(steps, Step) else steps
         return member
 
@@ -447,11 +450,15 @@ class Reason(enum.Enum):
         "the PLC is in STOP: its frames come, but the provider state is not RUN",
         ("set the PLC to RUN", OFF_ON),
         _E.PLC,
+        _S.WAITS,
+        "the PLC was in STOP",
     )
     PLC_BAD = (
         "the PLC marks its data for this drive object as bad (IOPS)",
         ("the PLC must set the IOPS of this drive object to 80h, at its place in pdgw map", OFF_ON),
         _E.PLC,
+        _S.WAITS,
+        "the PLC marked its data for this drive object as bad (IOPS)",
     )
     OTHER_SENDER = (
         "frames of another sender than the PLC do not count",

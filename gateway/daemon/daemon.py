@@ -540,11 +540,8 @@ class Daemon:
         for index, item in enumerate(self.objects):
             item.fresh = accepted
             given = setpoints[index]
-            if given is None and item.supplied and link.connected and not self._stopping:
-                finding = link.finding(index)
-                if finding is not None:
-                    item.report_unusable(finding.evidence)
-            item.supplied = given is not None
+            if (given is not None) is not item.supplied:
+                self._note_supply(item, index, now)
             outputs = item.step(given, now)
             if item.stops:
                 item.transmit(now)
@@ -583,6 +580,14 @@ class Daemon:
         self.loop.pace(expected)
         if self._stopping:
             self._await_power_off(now)
+
+    def _note_supply(self, item: DriveObject, index: int, now: int) -> None:
+        """The setpoints of a drive object end, or come again."""
+        item.supplied = not item.supplied
+        if item.supplied:
+            item.origins.returned(now)
+        elif self.link.connected and not self._stopping and (finding := self.link.finding(index)) is not None:
+            item.report_unusable(finding.evidence)
 
     def _idles(self) -> bool:
         """No PLC is connected, no drive has power, and none needs SYNC: a frame of the PLC is a cycle at once."""

@@ -249,7 +249,8 @@ class Axis(DriveObject):
             return Origin(By.PLC if order else By.DRIVE, order or (reason or Reason.NEEDS_OFF).value, now)
         evidence = fault.name
         if fault.number == FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
-            return Origin(By.PLC, finding.evidence, now, finding.remedy, fault.number, now, 1)
+            past = finding.reason.past
+            return Origin(By.PLC, finding.evidence, now, finding.remedy, fault.number, now, 1, past)
         if fault.number == FaultNumber.NODE_LOST:
             if self.machine.restart_asked:
                 return Origin(By.PLC, "a parameter request has restarted the node (P970, P972)", now)

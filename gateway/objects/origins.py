@@ -69,6 +69,10 @@ class Origin:
     last_ns: int = 0
     count: int = 0
     """How often its fault was reported."""
+    past: str = ""
+    """The evidence when it is over and only OFF and ON are missing; empty: the evidence stays true."""
+    ended_ns: int = 0
+    """When it was over; 0: it is not, or its end does not matter."""
 
     @classmethod
     def of(cls, record: FaultRecord) -> Origin:
@@ -90,6 +94,8 @@ def clock(time_ns: int, loop: Loop) -> str:
 
 def since(origin: Origin, loop: Loop) -> str:
     """The text of an origin, since when, and how often."""
+    if origin.ended_ns:
+        return f"{origin.evidence} from {clock(origin.first_ns, loop)} to {clock(origin.ended_ns, loop)}"
     times = f" ({origin.count} times)" if origin.count > 1 else ""
     what, more, other = origin.evidence.partition("; ")
     return f"{what}, since {clock(origin.first_ns, loop)}{times}{more}{other}"
@@ -159,6 +165,12 @@ class Origins:
         """The drive follows the PLC, and nothing of this cycle stops it."""
         if self.present is not None and self.present.last_ns < now:
             self.present, self._recalled = None, ""
+
+    def returned(self, now: int) -> None:
+        """The PLC sends setpoints again."""
+        present = self.present
+        if present is not None and present.past:
+            present.evidence, present.remedy, present.ended_ns = present.past, Reason.NEEDS_OFF.remedy, now
 
     def acknowledged(self) -> None:
         """The faults are acknowledged: what happens next is not their consequence."""

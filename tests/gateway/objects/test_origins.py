@@ -54,7 +54,7 @@ def stop(plc: Plc, _: Daemon) -> None:
 
 EVENTS: dict[str, tuple[Step, By, str]] = {
     "loss of the PLC": (silent, By.PLC, "PLC lost"),
-    "STOP of the PLC": (stop, By.PLC, "the PLC is in STOP"),
+    "STOP of the PLC": (stop, By.PLC, "the PLC was in STOP"),
     "loss of the node": (lose, By.NODE, "node lost: silent"),
     "NMT command of another master": (
         both(command(NmtCommand.ENTER_PRE_OPERATIONAL), find),

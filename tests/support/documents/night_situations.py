@@ -298,6 +298,17 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         health=Health.WARNING,
         cure=words((0x043F, {}), (0x0C3F, {}), (0x043F, {})),
     ),
+    "the PLC marked the data of the axis as bad for a moment": Situation(
+        begin=both(lambda plc, _: plc.endpoint.bad.add(0), _wait(1), lambda plc, _: plc.endpoint.bad.clear()),
+        says=(
+            "Waits: ON ignored: the PLC marked its data for this drive object as bad (IOPS) from ",
+            " to ",
+            "OFF and ON: the PLC's program must set STW1.0",
+        ),
+        lacks=("80h",),
+        health=Health.WARNING,
+        cure=_AGAIN,
+    ),
     "another tool has set the greatest speed of the drive below the setpoint": Situation(
         begin=both(_limit_speed, _wait(2)),
         says=(

@@ -465,8 +465,8 @@ ORIGIN_SITUATIONS: dict[str, Situation] = {
     ),
     "the PLC is in STOP for a moment": Situation(
         begin=both(set_run(False), time_passes, set_run(True)),
-        says=("Waits: ON ignored: the PLC is in STOP", ", since ", "set the PLC to RUN; then OFF and ON"),
-        lacks=("check the cable", "PLC lost"),
+        says=("Waits: ON ignored: the PLC was in STOP from ", " to ", "OFF and ON: the PLC's program must set STW1.0"),
+        lacks=("check the cable", "PLC lost", "is in STOP", "set the PLC to RUN"),
         health=Health.WARNING,
         cure=_AGAIN,
     ),
