@@ -36,6 +36,7 @@ from pdgw.gateway.objects.enable_status import EnableStatus, untimed
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
 from pdgw.gateway.objects.origins import Origins
+from pdgw.gateway.objects.totals import Totals
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -64,6 +65,7 @@ class DriveObject(abc.ABC):
         """The last step stops the device: ``transmit`` it before what moves others."""
         self.fault_log = FaultLog(network.loop.now())
         self.origins = Origins(network.loop.now())
+        self.totals = Totals()
         self.last_setpoints: Sequence[int] | None = None
         """The last setpoints of the PLC, also after its loss."""
         self.log_event: Callable[[str, int | None, str, int], object] = lambda *_: None
@@ -315,6 +317,8 @@ class DriveObject(abc.ABC):
         record = self.explain(record)
         self.fault_log.enter(record)
         self.origins.enter(record)
+        if not record.is_warning:
+            self.totals.enter(record)
         kind = "warning" if record.is_warning else "fault"
         text = f"{kind} {record.number}: {record.text}"
         self._happened(text, stops=not record.is_warning)

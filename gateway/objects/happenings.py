@@ -61,7 +61,7 @@ class Line:
         return with_count(self.text, self.count, self.time_ns - self.begin_ns)
 
 
-def around_the_last_stop(happenings: Iterable[Happening]) -> list[Line]:
+def around_the_last_stop(happenings: Iterable[Happening], at_most: int = LINES) -> list[Line]:
     """The lines around the last fault or stop, the oldest first; empty when there was none."""
     lines = _folded(happenings)
     stops = [place for place, line in enumerate(lines) if line.stops]
@@ -70,9 +70,9 @@ def around_the_last_stop(happenings: Iterable[Happening]) -> list[Line]:
     # Shorten a long series in its middle: its first fault or stop and the last one stay among the lines.
     first, end = _first(lines, stops), min(len(lines), stops[-1] + _AFTER)
     begin = max(0, first - _BEFORE)
-    if end - begin <= LINES:
-        return lines[begin : begin + LINES]
-    return [lines[first], *lines[max(first + 1, end - LINES + 1) : end]][:LINES]
+    if end - begin <= at_most:
+        return lines[begin : begin + at_most]
+    return [lines[first], *lines[max(first + 1, end - at_most + 1) : end]][:at_most]
 
 
 def _folded(happenings: Iterable[Happening]) -> list[Line]:

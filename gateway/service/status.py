@@ -26,8 +26,10 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_chain import activity, device_warning, notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
-from pdgw.gateway.objects.happenings import around_the_last_stop
+from pdgw.gateway.objects.happenings import LINES, around_the_last_stop
+from pdgw.gateway.objects.origins import clock
 from pdgw.gateway.objects.protections import protections
+from pdgw.gateway.objects.totals import FLAPS, Total
 from pdgw.gateway.service.causes import causes, who
 from pdgw.gateway.service.running import RunningGateway
 from pdgw.profidrive.signal_text import Rated, scale, texts
@@ -74,6 +76,12 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
         "time": _shown_time(loop, record.time_ns),
         "age_s": round((loop.now() - record.time_ns) / SECOND, 3),
     }
+
+
+def _total(loop: Loop, total: Total) -> dict[str, Any]:
+    """How often a fault came in the last day."""
+    times = {"first": _shown_time(loop, total.first_ns), "last": _shown_time(loop, total.last_ns)}
+    return {"name": total.name, "count": total.count} | times
 
 
 def _origin(item: DriveObject) -> dict[str, Any] | None:
@@ -138,6 +146,7 @@ def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
         "cause": None if cause is None else _fault(item, cause),
         "origin": _origin(item),
         "faults": fault_status(item, 1),
+        "totals": [_total(item.client.loop, total) for total in item.totals.present(item.client.loop.now())],
         "warning": device_warning(item),
         "fault_count": len(item.faults),
         "active_faults": sorted({int(record.number) for record in item.fault_log.unacknowledged()}),
@@ -325,11 +334,28 @@ def encoded(daemon: RunningGateway) -> Iterator[bytes]:
 
 
 def explanation(daemon: RunningGateway, items: Sequence[DriveObject]) -> list[dict[str, Any]]:
-    """Events around the last fault or stop of drive objects, in at most ten lines."""
-    found = around_the_last_stop(happening for item in items for happening in item.happenings)
-    return [
-        {"time": _shown_time(daemon.loop, line.time_ns), "who": who(line.labels), "text": line.shown} for line in found
-    ]
+    """Events around the last fault or stop of drive objects, in at most ten lines. One that flaps has a line, not all of them."""
+    loop = daemon.loop
+    often = {item.do_id: total for item in items if (total := _flapping(item)) is not None}
+    calm = [item for item in items if item.do_id not in often]
+    room = max(0, LINES - len(often))
+    found = around_the_last_stop((happening for item in calm for happening in item.happenings), room)
+    if not found:  # none other has stopped
+        found = around_the_last_stop((happening for item in items for happening in item.happenings), room)
+    shown = [(line.time_ns, who(line.labels), line.shown) for line in found]
+    for item in items:
+        if (total := often.get(item.do_id)) is not None:
+            since, last = clock(total.first_ns, loop), clock(total.last_ns, loop)
+            shown.append((total.last_ns, item.label, f"{total.name}: {total.count} times since {since}, last {last}"))
+    shown.sort(key=lambda line: line[0])
+    return [{"time": _shown_time(loop, time_ns), "who": label, "text": text} for time_ns, label, text in shown[-LINES:]]
+
+
+def _flapping(item: DriveObject) -> Total | None:
+    """The fault that came most often in the last day, if it came very often."""
+    totals = item.totals.present(item.client.loop.now())
+    most = max(totals, key=lambda total: total.count, default=None)
+    return most if most is not None and most.count >= FLAPS else None
 
 
 def events_after(daemon: RunningGateway, number: int) -> Iterator[dict[str, Any]]:

@@ -152,6 +152,9 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
         yield from _folded(cause_sentence(cause), width, 3, "-> ")
     for item in (*document["axes"], *document["encoders"]):
         yield from _folded(_row(item), width, 4, "")
+        for total in item.get("totals", ()):
+            if total["count"] > 1:
+                yield from _folded(_total(total, document["time"]), width, 4, "  ")
     yield from _counters(document["counters"], width, everything=counters)
 
 
@@ -185,6 +188,14 @@ def _row(item: dict[str, Any]) -> str:
     if item["state_id"] == AxisState.OBEYS.name:
         parts += [f"{item['name']} not active" for item in item.get("protections", ()) if item["active"] is False]
     return f"{item['label']}: {item['state']} ({', '.join(parts)})"
+
+
+def _total(total: dict[str, Any], now: str) -> str:
+    """A fault that has come again, whatever was acknowledged meanwhile."""
+    first, last = (
+        _time_of_day(text) if text[:10] == now[:10] else _day(text) for text in (total["first"], total["last"])
+    )
+    return f"{total['name']}: {total['count']} times since {first}, last {last}"
 
 
 def _values(values: dict[str, Any], item: dict[str, Any]) -> list[str]:
@@ -232,6 +243,10 @@ def _station(station: dict[str, Any]) -> str:
 
 def _time_of_day(text: str) -> str:
     return datetime.fromisoformat(text).strftime("%H:%M:%S")
+
+
+def _day(text: str) -> str:
+    return datetime.fromisoformat(text).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def _folded(text: str, width: int, indent: int, first: str | None = None) -> Iterator[str]:
