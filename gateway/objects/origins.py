@@ -73,6 +73,10 @@ class Origin:
     """The evidence when it is over and only OFF and ON are missing; empty: the evidence stays true."""
     ended_ns: int = 0
     """When it was over; 0: it is not, or its end does not matter."""
+    ended: str = ""
+    """Of a start: how the last gateway ended,"""
+    before: str = ""
+    """and what had stopped the drive object then."""
 
     @classmethod
     def of(cls, record: FaultRecord) -> Origin:
@@ -98,7 +102,9 @@ def since(origin: Origin, loop: Loop) -> str:
         return f"{origin.evidence} from {clock(origin.first_ns, loop)} to {clock(origin.ended_ns, loop)}"
     times = f" ({origin.count} times)" if origin.count > 1 else ""
     what, more, other = origin.evidence.partition("; ")
-    return f"{what}, since {clock(origin.first_ns, loop)}{times}{more}{other}"
+    ended = f"; {origin.ended}" if origin.ended else ""
+    before = f"; before: {origin.before}" if origin.before else ""
+    return f"{what}, since {clock(origin.first_ns, loop)}{times}{more}{other}{ended}{before}"
 
 
 class Origins:
@@ -117,7 +123,7 @@ class Origins:
         """How the last gateway ended, and what it has kept with ``last``."""
         assert self.present is not None, "before the start"
         self._recalled = before
-        self.present.evidence += f"; {ended or 'an earlier one has left no word'}{before and f'; before: {before}'}"
+        self.present.ended, self.present.before = ended or "an earlier one has left no word", before
 
     def last(self, loop: Loop) -> str:
         """What began the last stop, as text; empty if only the gateway itself did."""

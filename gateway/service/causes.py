@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
 from itertools import groupby
 from math import inf
 from typing import Any, Final
@@ -70,15 +71,63 @@ def _text(members: list[dict[str, Any]]) -> str:
     """The evidence of all, or that of each group of them, in their order."""
     if len({item["reason"] for item in members}) == 1:
         return str(members[0]["reason"])
-    shared: dict[str, dict[int, str]] = {}
+    shared: dict[str, list[dict[str, Any]]] = {}
     for item in members:
         own = untimed(item["reason"]).replace(f"node {item['node_id']} ", "each node ")
-        shared.setdefault(own.replace(f"node {item['node_id']}:", "each node:"), {})[item["do_id"]] = item["label"]
+        shared.setdefault(own.replace(f"node {item['node_id']}:", "each node:"), []).append(item)
     if len(shared) == 1:
-        return next(iter(shared))
+        (text,) = shared
+        return text + _since(members) + _recalled(members)
     more = len(shared) - _TEXTS
-    texts = [f"{who(labels)}: {text}" for text, labels in shared.items()][:_TEXTS]
+    texts = [f"{_who(found)}: {text}{_since(found)}" for text, found in shared.items()][:_TEXTS]
     return "; ".join(texts) + (f"; and {more} more of the kind" if more > 0 else "")
+
+
+def _since(members: list[dict[str, Any]]) -> str:
+    """Since when, and how often, for each of them where they differ; empty if their line has no time."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for item in members:
+        groups.setdefault(_when(item), []).append(item)
+    if "" in groups:
+        return ""
+    if len(groups) == 1:
+        return f", since {next(iter(groups))}"
+    if len(groups) <= _TEXTS:
+        return f", since {', '.join(f'{when} ({_who(found)})' for when, found in groups.items())}"
+    return f", since {min(groups)} to {max(groups)}"
+
+
+def _when(item: dict[str, Any]) -> str:
+    """The time of the origin of a latch or of a fault, and how often it came; empty if the line of the object has none."""
+    origin, cause = item["origin"], item["cause"]
+    if untimed(item["reason"]) == item["reason"]:
+        return ""
+    if item["reason_id"] == Reason.NEEDS_OFF.name and origin is not None:
+        count = f", {origin['count']} times" if origin["count"] > 1 else ""
+        return time_of_day(origin["first"]) + count
+    return "" if cause is None else time_of_day(cause["time"])
+
+
+def _recalled(members: list[dict[str, Any]]) -> str:
+    """After a start: how the last gateway ended, and what had stopped each of them then."""
+    origins = [item["origin"] for item in members]
+    if any(origin is None or not origin["ended"] for origin in origins):
+        return ""
+    before: dict[str, list[dict[str, Any]]] = {}
+    for item, origin in zip(members, origins, strict=True):
+        if origin["before"]:
+            before.setdefault(origin["before"], []).append(item)
+    texts = [f"{_who(found)}: {text}" for text, found in before.items()]
+    return f"; {origins[0]['ended']}" + (f"; before: {'; '.join(texts)}" if texts else "")
+
+
+def _who(members: list[dict[str, Any]]) -> str:
+    return who({item["do_id"]: item["label"] for item in members})
+
+
+def time_of_day(text: str) -> str:
+    """Hours, minutes and seconds of a time in ISO text."""
+    return datetime.fromisoformat(text).strftime("%H:%M:%S")
 
 
 def _cause(members: list[dict[str, Any]]) -> dict[str, Any]:
@@ -89,7 +138,7 @@ def _cause(members: list[dict[str, Any]]) -> dict[str, Any]:
         "reason": _text(members),
         "reason_id": first["reason_id"],
         "remedy": first["remedy"],
-        "who": who({item["do_id"]: item["label"] for item in members}),
+        "who": _who(members),
         "objects": [item["do_id"] for item in members],
     }
 

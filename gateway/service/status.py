@@ -93,6 +93,8 @@ def _origin(item: DriveObject) -> dict[str, Any] | None:
         "by": origin.by.value,
         "number": int(origin.number),
         "text": origin.evidence,
+        "ended": origin.ended,
+        "before": origin.before,
         "remedy": remedy_text(origin.remedy),
         "count": origin.count,
         "first": _shown_time(loop, origin.first_ns),

@@ -27,6 +27,8 @@ def status(
     name: str = "",
     bus: str = "can",
     heard_age_ms: float | None = None,
+    time: str = "2026-03-01T14:02:11+00:00",
+    origin: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """What ``causes`` reads of the status of an axis."""
     label = f'axis {do_id} "{name}"' if name else f"axis {do_id}"
@@ -38,7 +40,8 @@ def status(
         "reason": text or reason.value,
         "reason_id": reason.name,
         "remedy": remedy_text(reason.remedy),
-        "cause": {"code": fault} if fault else None,
+        "cause": {"code": fault, "time": time} if fault else None,
+        "origin": origin,
         "bus": bus,
         "node_id": do_id,
         "heard_age_ms": heard_age_ms,
@@ -67,11 +70,53 @@ def test_sixty_four_objects_with_four_causes_are_four_lines() -> None:
 
 def test_axes_with_the_same_fault_at_different_times_are_one_cause() -> None:
     items = [
-        status(number, Reason.DRIVE_FAULT, fault=0x7305, text=f"EMCY 7305h incremental sensor 1, since 14:02:1{number}")
-        for number in (1, 2, 4)
+        status(
+            number,
+            Reason.DRIVE_FAULT,
+            fault=0x7305,
+            text=f"EMCY 7305h incremental sensor 1, since 14:02:1{number}",
+            time=f"2026-03-01T14:02:1{number}+00:00",
+        )
+        for number in (1, 2, 4, 5)
     ]
     (cause,) = causes(items)
-    assert (cause["who"], cause["reason"]) == ("axes 1-2, 4", "EMCY 7305h incremental sensor 1")
+    assert (cause["who"], cause["reason"]) == (
+        "axes 1-2, 4-5",
+        "EMCY 7305h incremental sensor 1, since 14:02:11 to 14:02:15",
+    )
+    (cause,) = causes(items[:3])
+    assert cause["reason"] == (
+        "EMCY 7305h incremental sensor 1, since 14:02:11 (axis 1), 14:02:12 (axis 2), 14:02:14 (axis 4)"
+    )
+
+
+def latch(do_id: int, second: int, *, count: int = 1, ended: str = "", before: str = "") -> dict[str, Any]:
+    """The status of an axis whose ON is ignored."""
+    evidence = "the gateway has started" if ended else "node lost: silent"
+    times = f" ({count} times)" if count > 1 else ""
+    tail = (f"; {ended}" if ended else "") + (f"; before: {before}" if before else "")
+    first = f"2026-03-01T14:02:{second}+00:00"
+    origin = {"text": evidence, "first": first, "count": count, "ended": ended, "before": before}
+    text = f"ON ignored: {evidence}, since 14:02:{second}{times}{tail}"
+    return status(do_id, Reason.NEEDS_OFF, text=text, origin=origin)
+
+
+def test_a_latch_of_several_axes_keeps_since_and_count_of_each() -> None:
+    (cause,) = causes([latch(1, 11), latch(2, 11), latch(3, 15, count=3)])
+    assert cause["reason"] == "ON ignored: node lost: silent, since 14:02:11 (axes 1-2), 14:02:15, 3 times (axis 3)"
+    (cause,) = causes([latch(1, 11), latch(2, 11)])
+    assert cause["reason"] == "ON ignored: node lost: silent, since 14:02:11"
+
+
+def test_a_start_of_several_axes_keeps_how_the_last_gateway_ended_and_what_was_before() -> None:
+    ended = "the last one ended on 2026-03-01 at 04:11:02: stopped as commanded"
+    lost = "node lost: silent, since 04:10:00"
+    items = [latch(1, 11, ended=ended, before=lost), latch(2, 11, ended=ended, before=lost), latch(3, 11, ended=ended)]
+    (cause,) = causes(items)
+    assert cause["who"] == "axes 1-3"
+    assert cause["reason"] == (
+        f"ON ignored: the gateway has started, since 14:02:11; {ended}; before: axes 1-2: {lost}"
+    )
 
 
 def test_nodes_that_were_lost_at_one_moment_have_the_cause_that_explains_all_first() -> None:
