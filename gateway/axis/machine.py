@@ -61,7 +61,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import DEVICE_WARNING, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.reasons import DEVICE_WARNING, GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
@@ -570,7 +570,10 @@ class AxisMachine:
         self._node.set_drive(drive.faults, drive.fault_of_code)
         refusal = self.lacking(drive, homing_method)
         if refusal:
-            self.outputs.found.append((FaultNumber.REFERENCE, refusal))
+            lacks = self.missing(drive)
+            remedy = lacks.remedy or GATEWAY_FAULTS[FaultNumber.REFERENCE].remedy
+            text, remedy = (lacks.why, remedy) if lacks.why else (refusal, "")
+            self.outputs.fault(gateway_fault(FaultNumber.REFERENCE, text, self.inputs.now, remedy=remedy))
             return
         self._per_rpm = drive.scaling.velocity_per_rpm
         speed = drive.scaling.reference(Quantity.SPEED)

@@ -66,12 +66,15 @@ class Missing(NamedTuple):
         return tuple(KEY_LINES[key] for key in self.keys)
 
     @property
+    def remedy(self) -> str:
+        """What to paste; empty if no key helps."""
+        short = ", ".join(line.partition("  #")[0] for line in self.lines)
+        return f"paste into its [[axis]] and fill in: {short}" if short else ""
+
+    @property
     def text(self) -> str:
         """For one line: the reasons, then what to paste."""
-        if not self.keys:
-            return self.why
-        short = ", ".join(line.partition("  #")[0] for line in self.lines)
-        return f"{self.why}; paste into its [[axis]] and fill in: {short}"
+        return "; ".join(filter(None, (self.why, self.remedy)))
 
 
 def missing(scaling: Scaling, needed: tuple[Quantity, ...], *, converts: bool) -> Missing:

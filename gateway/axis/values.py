@@ -121,6 +121,11 @@ class FaultRecord:
     """and what to do."""
 
     @property
+    def line(self) -> str:
+        """The text, with what to do."""
+        return f"{self.text}; {self.remedy}" if self.remedy else self.text
+
+    @property
     def of_device(self) -> bool:
         """The drive or encoder reported it, not the gateway."""
         return self.number not in GATEWAY_FAULTS

@@ -320,7 +320,7 @@ class DriveObject(abc.ABC):
         if not record.is_warning:
             self.totals.enter(record)
         kind = "warning" if record.is_warning else "fault"
-        text = f"{kind} {record.number}: {record.text}"
+        text = f"{kind} {record.number}: {record.line}"
         self._happened(text, stops=not record.is_warning)
         self.log_event(kind, self.do_id, text, int(record.number))
         log.log(
@@ -329,7 +329,7 @@ class DriveObject(abc.ABC):
             self.label,
             record.number,
             record.code,
-            record.text,
+            record.line,
             extra={"event": kind, "do": self.do_id, "fault": int(record.number)},
         )
 

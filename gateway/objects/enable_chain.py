@@ -148,7 +148,9 @@ class _Chain:
         """Evidence and remedy of a reason: by its fault or warning of the gateway, or by the bits that give it."""
         text, todo = bit_effects(reason, self._words)
         record = self.newest(number) if (number := _OWN_FAULTS.get(reason)) is not None else None
-        return text if record is None else record.text, todo
+        if record is None:
+            return text, todo
+        return record.text, (record.remedy,) if record.remedy else todo
 
     def newest(self, number: FaultNumber) -> FaultRecord | None:
         """The last fault or warning of this number."""

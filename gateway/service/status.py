@@ -71,7 +71,7 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
         "active": reported.active,
         "number": int(record.number),
         "code": record.code,
-        "text": record.text,
+        "text": record.line,
         "is_warning": record.is_warning,
         "time": _shown_time(loop, record.time_ns),
         "age_s": round((loop.now() - record.time_ns) / SECOND, 3),

@@ -134,6 +134,14 @@ def test_a_shape_with_an_unknown_unit_refuses_telegram_9_and_says_why() -> None:
         fault = daemon.axes[0].faults[-1]
         assert fault.number == FaultNumber.REFERENCE
         assert "set rated_acceleration_rpm_s" in fault.text
+        broken = daemon.axes[0].enable_status.broken
+        assert broken is not None
+        assert broken.evidence == fault.text, (
+            "each unknown quantity is evidence, and none of them the remedy of another"
+        )
+        assert broken.evidence.count(": set ") > 1
+        assert broken.remedy == fault.remedy
+        assert broken.remedy.startswith("paste into its [[axis]] and fill in: ")
         assert daemon.axes[0].outputs.reason is Reason.REFERENCE_INVALID
         assert drive.model.ramp.speed == 0
 
