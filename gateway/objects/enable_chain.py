@@ -326,9 +326,13 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.breaks(panel, "", with_on(panel.remedy) if again else ())
     elif reason is Reason.INHIBITED and state is not None:
         supply = supplied or not machine.lacks_supply(state, unproven=True)
-        chain.breaks(reason, *(axis.unheard or used_up(
-            state, machine.settings.enter_ns, supply=supply, remote=bool(statusword & StatusBit.REMOTE)
-        )))
+        chain.breaks(
+            reason,
+            *(
+                axis.unheard
+                or used_up(state, machine.settings.enter_ns, supply=supply, remote=bool(statusword & StatusBit.REMOTE))
+            ),
+        )
     elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
