@@ -165,16 +165,16 @@ class Reason(enum.Enum):
     )
     STOPPED_AT_LIMIT = (
         "stopped at a limit of the drive (Statusword.11)",
-        (
-            Give("other direction", "send a setpoint in the other direction"),
-            "after the limit is free, setpoint 0 (or OFF and ON) ends this stop",
+        Give(
+            "other direction",
+            "send a setpoint in the other direction; after the limit is free, setpoint 0 (or OFF and ON) ends this stop",
         ),
     )
     TASK_AT_LIMIT = (
         "task stopped at a limit of the drive (Statusword.11)",
-        (
-            Give("other direction", "send a task in the other direction"),
-            "after the limit is free, STW1.5 = 0 and 1 continues the task",
+        Give(
+            "other direction",
+            "send a task in the other direction; after the limit is free, STW1.5 = 0 and 1 continues the task",
         ),
     )
     SET_POINT_REFUSED = (
@@ -210,7 +210,7 @@ class Reason(enum.Enum):
     )
     HOMING_METHOD = (
         "homing method is not supported: homing is not started",
-        "set a homing_method that the drive supports; fault 108 lists them",
+        ("set a homing_method that the drive supports; fault 108 lists them", Edge(("STW1.11",))),
     )
     HOMING_SETUP = (
         "waiting for the drive to accept homing method and speeds (SDO)",
@@ -274,7 +274,11 @@ class Reason(enum.Enum):
     )
     REFERENCE_POINT_MOVING = (
         "the reference point was not set: the axis moved, or a task was active",
-        (Wait("for standstill without a task"), Edge(("POS_STW2.1 (telegram 110: POS_STW.1)",))),
+        (
+            Give("active function", "end the active function"),
+            STANDSTILL,
+            Edge(("POS_STW2.1 (telegram 110: POS_STW.1)",)),
+        ),
     )
     DSC_FAR_FROM_AXIS = (
         "DSC starts too far from the actual position (following_window): the axis does not move",
@@ -538,7 +542,7 @@ class Reason(enum.Enum):
     )
     AT_SOFTWARE_LIMIT = (
         "the axis is at a software limit, and its jog, setting up or endless block leads beyond it",
-        (Give("other direction", "move in the other direction"), "the limits are the key software_limits"),
+        Give("other direction", "move in the other direction; the limits are the key software_limits"),
     )
     SEVERE_FAULT = (
         "a severe fault is not acknowledged",

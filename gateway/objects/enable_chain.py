@@ -107,6 +107,8 @@ _ORDERS: Final = {
 _AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
 _SPEEDS: Final = (SignalQuantity.SPEED, SignalQuantity.MOTION_VELOCITY)
 _FULL: Final = 100.0
+_BLOCKS_ALONE: Final = 7
+"""The telegram of a positioner without MDI."""
 _PHASES: Final = {
     Phase.RAMP_STOP: Reason.RAMP_STOP,
     Phase.SHUTDOWN: Reason.RAMP_STOP,
@@ -364,6 +366,8 @@ def _sensor_and(error: SensorError | None, source: DriveObject, acknowledge: Ack
     elif error not in (None, SensorError.SENSOR_GROUP):
         origin = None
     evidence, todo = _fault_and(source, origin, acknowledge)
+    if error is SensorError.COMMAND_NOT_SUPPORTED:
+        todo = (Give("G1_STW", "send G1_STW without this command"), acknowledge)
     what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
     return ": ".join(filter(None, (what, evidence))), todo
 
@@ -431,8 +435,15 @@ def _order_and(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, Remedy]:
     elif bits and reason is not Reason.EARLY_EDGE:
         lack = executor.lack(bits)
         text = f"{text}: {lack.text}"
-        edge = Edge(_bits(executor.ignored & bits or bits), lack.zeros)
+        edge = Edge(_bits(_control_word(axis)[1] & bits or bits), lack.zeros)
         todo = (Wait("for the end of the homing"), Bits((lack.holding,), 0), edge) if lack.holding else (edge,)
+    elif reason is Reason.TASK_SPEED_ZERO and axis.telegram.number == _BLOCKS_ALONE:
+        text = text.replace("speed 0", "MDI (SATZANW.15 = 1), which this telegram does not have")
+        todo = (Bits(("SATZANW.15",), 0), *todo[1:])
+    elif reason is Reason.HOMING_METHOD and positioner is None:
+        todo = (Give("HOMING_METHOD", "select a method that the drive supports in SATZANW"), *todo[1:])
+    elif reason is Reason.TASK_BLOCK_UNKNOWN and not axis.config.block:
+        todo = ("configure it in [[axis.block]]", *todo[1:])
     elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and positioner.software_limits:
         text = "{}: {} to {} LU".format(text, *positioner.software_limits)
     elif reason in _AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:

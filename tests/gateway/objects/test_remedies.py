@@ -37,6 +37,19 @@ def send(plc: Plc, word: int, cycles: int = 20, **values: int) -> None:
     plc.exchange(cycles)
 
 
+def test_remedy_of_mdi_in_telegram_7_deselects_it() -> None:
+    with in_operation(POSITIONER.replace("telegram = 111", "telegram = 7") + _BLOCK) as (daemon, plc):
+        send(plc, 0x043F, SATZANW=0x8001)
+        send(plc, 0x047F)
+        reason, evidence, remedy = texts(daemon)
+        assert reason is Reason.TASK_SPEED_ZERO
+        assert evidence.startswith("the task had MDI (SATZANW.15 = 1), which this telegram does not have")
+        assert remedy == "set SATZANW.15 to 0, and then a new edge of STW1.6"
+        send(plc, 0x043F, SATZANW=1)
+        send(plc, 0x047F)
+        assert texts(daemon)[0] is None
+
+
 @pytest.mark.parametrize("case", _REFUSED)
 def test_remedy_of_a_refused_task_ends_with_the_edge_that_starts_it(case: str) -> None:
     number, wrong, right, reason = _REFUSED[case]

@@ -415,7 +415,10 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "telegram 111: the traversing block does not exist": DeviceSituation(
         tables=POSITIONER,
         begin=words((0x043F, {"POS_STW1": 63, "OVERRIDE": 0x4000}), (0x047F, {})),
-        says=("Waits: the task selected a traversing block that does not exist", "select a block of the configuration"),
+        says=(
+            "Waits: the task selected a traversing block that does not exist",
+            "configure it in [[axis.block]], and then a new edge",
+        ),
         health=Health.WARNING,
         cure=words((0x043F, MDI), (0x047F, {})),
     ),
