@@ -54,6 +54,8 @@ def press(rng: random.Random, follower: Follower) -> None:
         follower.exchange(1, **{rng.choice(values): 0})
     elif kind < 0.3 and "MDI_TARPOS" in words:
         follower.exchange(1, MDI_TARPOS=2_000_000_000)
+    elif kind < 0.45 and "NSOLL_A" in words:
+        follower.exchange(1, STW1=words["STW1"] & ~0x370 | rng.choice((0x100, 0x200, 0x300)))
     else:
         name = rng.choice([name for name in words if name in _PRESSED] + [follower.first])
         weights = [(1 + 3 * (_OFTEN >> bit & 1)) * (_PRESSED[name] >> bit & 1) for bit in range(16)]

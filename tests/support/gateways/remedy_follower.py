@@ -155,10 +155,10 @@ class Follower:
         self.exchange(_FRAMES, **self.right | {self.first: off})
         self.exchange(_FRAMES, **{self.first: off | 0x80})
         self.exchange(_FRAMES, **{self.first: off})
+        self.asked, self.by_jog = 0, False
         self.plc.until(lambda: not self._stays_off(), "ready")
         self.exchange(2 * _FRAMES, **self.right)
         self.plc.until(lambda: self.broken is None, "operation")
-        self.asked, self.by_jog = 0, False
 
     def _stays_off(self) -> bool:
         axis = self.item
