@@ -16,7 +16,7 @@ _DRIVE: Final = ("Statusword", "60FDh")
 
 
 class BitEffect(NamedTuple):
-    """A bit, and the reasons that it gives. Without an effect, the text of the reason has the bit."""
+    """One of several bits of a reason, or not always its cause. Without an effect, the text of the reason has the bit."""
 
     words: str
     """Signals of the PLC that have the bit; Statusword or 60FDh (digital inputs) of the drive."""
@@ -38,10 +38,6 @@ BIT_EFFECTS: Final = (
     BitEffect("STW1", 5, _SETPOINT, "the ramp is frozen"),
     BitEffect("STW1", 6, _SETPOINT, "the setpoint is 0"),
     BitEffect("STW1", 4, (Reason.REJECTED,)),
-    BitEffect("STW1", 5, (Reason.INTERMEDIATE_STOP,)),
-    BitEffect("STW1", 10, (Reason.NO_CONTROL, Reason.CONTROL_HELD)),
-    BitEffect("STW2_ENC", 10, (Reason.ENCODER_NO_CONTROL,)),
-    BitEffect("SATZANW", 15, (Reason.MDI_OFF,)),
     BitEffect("Statusword", 9, (Reason.LOCAL_MODE, Reason.LOCAL_TURNS), "local mode"),
     BitEffect("60FDh", 0, _AT_LIMIT, "negative limit switch", 1),
     BitEffect("60FDh", 1, _AT_LIMIT, "positive limit switch", 1),

@@ -48,7 +48,7 @@ def test_the_bits_of_the_table_are_those_of_their_words() -> None:
     ids=lambda row: f"STW1.{row.bit}-{row.reasons[0].name}",
 )
 def test_a_bit_of_stw1_that_is_0_gives_a_reason_of_its_row(row: BitEffect) -> None:
-    positions = row.reasons[0] in (Reason.REJECTED, Reason.INTERMEDIATE_STOP)
+    positions = row.reasons[0] is Reason.REJECTED
     with in_operation(POSITIONER if positions else axis(1)) as (daemon, plc):
         if positions:
             plc.endpoint.set(0, MDI | {"STW1": 0x043F, "MDI_TARPOS": 900_000})
