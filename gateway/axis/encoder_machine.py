@@ -129,6 +129,11 @@ class EncoderMachine:
         return self.channel.sensor.state in _IN_ERROR
 
     @property
+    def in_fault(self) -> bool:
+        """ZSW2_ENC.3 is 1, whatever the fault buffer has."""
+        return self.control.fault or not self.inputs.ok or not self.usable
+
+    @property
     def faulty(self) -> bool:
         """The encoder shows an alarm or an error."""
         source = self.inputs.source
@@ -168,7 +173,7 @@ class EncoderMachine:
         elif control.has_control:
             self._sensor_word = adapter.sensor_word
         values = channel.step(self._sensor_word, source, ok, now, self._sign_of_life_error())
-        if not ok or not self.usable or inputs.unacknowledged:
+        if self.in_fault or inputs.unacknowledged:
             status |= _FAULT
         self._report_preset()
         speed = self._step_speed(ok, cause) if self._speed is not None else 0

@@ -283,6 +283,11 @@ class Axis(DriveObject):
 
     # -- queries ----------------------------------------------------------------------------------------------------------
 
+    def lasts(self, by: By) -> bool:
+        if by is By.PLC:
+            return not self.machine.demand.connected
+        return not self.good if by in (By.NODE, By.BUS) else self.machine.in_fault
+
     @property
     def powered(self) -> bool:
         """The power stage may be on: the Statusword shows it, or operation is commanded and not shown yet."""

@@ -29,7 +29,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
     is_answer,
 )
-from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import DEVICE_WARNING, GATEWAY_FAULTS, AxisState, By, FaultNumber, Finding, Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.enable_status import EnableStatus, untimed
@@ -120,6 +120,10 @@ class DriveObject(abc.ABC):
 
     def transmit(self, now: int) -> None:  # noqa: B027 - an encoder is sent nothing
         """Send what the last step commands."""
+
+    @abc.abstractmethod
+    def lasts(self, by: By) -> bool:
+        """The cause of a fault of this part is present, or may be; the status word shows it whatever the fault buffer has."""
 
     @property
     @abc.abstractmethod
@@ -307,6 +311,13 @@ class DriveObject(abc.ABC):
         """The frames of the connected PLC have no setpoints from now on."""
         self._happened(why, stops=self._operated)
         log.warning("%s: %s", self.label, why, extra={"event": "plc", "do": self.do_id})
+
+    def clear_faults(self) -> None:
+        """P952 := 0: what is acknowledged or gone leaves the buffer. What lasts stays, as the status word shows it."""
+        by = {number: fault.by for number, fault in GATEWAY_FAULTS.items()}
+        self.fault_log.clear(lambda record: self.lasts(by.get(record.number, By.DRIVE)))
+        if self.fault_log.acknowledged:
+            self.origins.acknowledged()
 
     def reset_node(self) -> None:
         """P972: restart the node. It is configured again and starts nothing."""

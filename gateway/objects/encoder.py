@@ -24,6 +24,7 @@ from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import Outputs, SdoWrite
+from pdgw.gateway.base.reasons import By
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
@@ -187,6 +188,11 @@ class EncoderObject(DriveObject):
         """What the encoder itself reports while it shows an error, else the origin."""
         own = self.fault_log.of_device(0) if self.machine.faulty else None
         return own or super().cause
+
+    def lasts(self, by: By) -> bool:
+        if by is By.PLC:
+            return self.machine.adapter.control is None or self.machine.control.sign_of_life.failed
+        return self.machine.in_fault  # until the PLC acknowledges
 
     @property
     def powered(self) -> bool:

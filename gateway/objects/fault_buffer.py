@@ -8,7 +8,7 @@ Source: docs/parameter-channel.md "Fault buffer".
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from pdgw.base.durations import MS
@@ -43,6 +43,10 @@ def _key(record: FaultRecord) -> tuple[int, int]:
     return record.number, record.code
 
 
+def _places(record: FaultRecord) -> int:
+    return FAULTS_PER_SITUATION if record.of_device else _OWN_PLACES
+
+
 class FaultLog:
     """The history for the user and the fault buffer of one axis; times count from ``origin_ns``."""
 
@@ -65,19 +69,25 @@ class FaultLog:
             self.count += 1
             if _key(record) not in self._active and len(self._active) < _KEPT:
                 self._active[_key(record)] = ReportedFault(self._entered, active=True, record=record)
-                time_ms = max(0, record.time_ns - self._origin) // MS
-                fault = Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF)
-                self.buffer.enter(fault, FAULTS_PER_SITUATION if record.of_device else _OWN_PLACES)
+                self.buffer.enter(self._fault(record), _places(record))
 
     def acknowledge(self) -> None:
         """The PLC acknowledged and the cause is gone. The gateway's own faults, repeated, have one situation."""
         self.buffer.acknowledge(GATEWAY_FAULTS)
         self._active.clear()
 
-    def clear(self) -> None:
-        """P952 := 0."""
-        self.buffer.clear()
-        self._active.clear()
+    def clear(self, lasts: Callable[[FaultRecord], bool]) -> None:
+        """P952 := 0: what is acknowledged or gone. ``lasts``: the cause of an unacknowledged fault is present."""
+        self._active = {key: item for key, item in self._active.items() if lasts(item.record)}
+        present: list[Fault] = []
+        for record in self.unacknowledged():
+            if len(present) < _places(record):
+                present.append(self._fault(record))
+        self.buffer.clear(present)
+
+    def _fault(self, record: FaultRecord) -> Fault:
+        time_ms = max(0, record.time_ns - self._origin) // MS
+        return Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF)
 
     def reported(self, *, present: int, newest: int | None = None) -> list[ReportedFault]:
         """The history with its ids, newest first, then older faults that are not acknowledged; ``newest``: maximum number.

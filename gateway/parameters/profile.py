@@ -297,7 +297,7 @@ class NodeObject(BoundObject):
     def _clear_faults(self, value: int) -> None:
         if value:
             raise ParameterRefused(Number.SETTING_NOT_PERMITTED)
-        self.owner.fault_log.clear()
+        self.owner.clear_faults()
 
     def require_power_off(self) -> None:
         """ParameterRefused while something may move."""

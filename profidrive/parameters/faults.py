@@ -6,7 +6,7 @@ n*8+7. Situation 0 contains unacknowledged faults; an acknowledge moves them to 
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 from pdgw.profidrive.errors import ProfidriveError
@@ -57,10 +57,11 @@ class FaultBuffer:
         self._situations = [[], present, *older] if again else [[], present, last, *older[:-1]]
         self._changed()
 
-    def clear(self) -> None:
-        """P952 := 0 empties the whole buffer."""
-        if self.situations:
-            self._situations = [[] for _ in range(SITUATIONS)]
+    def clear(self, present: Sequence[Fault] = ()) -> None:
+        """P952 := 0 empties the buffer, except for the faults whose cause is ``present``: they are situation 0."""
+        left = [list(present), *([] for _ in range(SITUATIONS - 1))]
+        if left != self._situations:
+            self._situations = left
             self._changed()
 
     @property

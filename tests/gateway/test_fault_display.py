@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import permutations
 from random import Random
 
 import pytest
 
 from pdgw.base.durations import SECOND
-from pdgw.dsp402.states import StatusBit
+from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.reasons import EMCY_WARNING
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import DriveModel
+from pdgw.profidrive.parameters.description import Pnu
+from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault
+from pdgw.profidrive.signals import signal
 from pdgw.tools.output.status_text import status_lines
 from tests.support.gateways.daemon import (
     OFF,
@@ -28,6 +34,7 @@ from tests.support.gateways.daemon import (
     online,
     operating,
     running,
+    switch_off,
 )
 from tests.support.gateways.fault_display import FaultDisplay
 
@@ -262,7 +269,7 @@ def test_status_word_shows_faults_and_warnings_after_any_events(number: int) -> 
             display()
         assert display.warnings
         had_fault = False
-        events = range(7) if is_drive else (0, 3, 4, 6)
+        events = range(8) if is_drive else (0, 3, 4, 6, 7)
         for _ in range(EVENTS):
             match random.choice(events):
                 case 0:
@@ -279,14 +286,82 @@ def test_status_word_shows_faults_and_warnings_after_any_events(number: int) -> 
                 case 5:
                     name = random.choice(["unknown-state", "enable-input-dropped", "limit-switch", "late-status"])
                     device.do(lambda node: node.start_fault(name))  # noqa: B023
-                case _:
+                case 6:
                     device.do(lambda node: node.end_fault())
+                case _:
+                    display.clear()
             plc.endpoint.set(0, {word: random.choice(words)})
             for _ in range(random.choice([2, 10, 60])):
                 plc.exchange()
                 display()
             had_fault |= bool(display.faults)
         assert had_fault
+
+
+def _begins_and_ends() -> Iterator[tuple[str, ...]]:
+    """Each order of two of three faults, each of which begins and ends."""
+    for first, second in permutations(("drive", "node", "plc"), 2):
+        yield first, second, first, second
+        yield first, second, second, first
+        yield first, first, second, second
+
+
+@pytest.mark.parametrize("order", [*_begins_and_ends()], ids="-".join)
+def test_clearing_the_buffer_leaves_what_lasts_in_any_order(rig: Rig, order: tuple[str, ...]) -> None:
+    """P952 := 0 after each begin and end: 7 lasts in the drive's fault, 101 without the node, 103 without the PLC."""
+    drive, display = drive_of(rig.daemon), rig.display
+    lasting: set[str] = set()
+    for name in order:
+        lasting ^= {name}
+        begins = name in lasting
+        if name == "plc":
+            rig.plc.silent = begins
+        elif name == "node":
+            switch_off(rig.daemon, drive) if begins else drive.do(lambda node: node.restart())
+        else:
+            drive.do(lambda node: node.model.inject(7) if begins else node.model.clear())  # noqa: B023
+        rig.seconds(3)
+        before = display.faults
+        assert {"node": 101, "plc": 103}.get(name, 7) in before or not begins or (name == "drive" and "node" in lasting)
+        display.clear()
+        rig.seconds(0.1)
+        in_fault = "node" in lasting or state_of(drive.node.model.statusword) is State.FAULT
+        present = {7: in_fault, 101: "node" in lasting, 103: "plc" in lasting}
+        assert display.faults == [number for number in before if present[number]]
+        assert not any(display.read(Pnu.FAULT_NUMBER, SIZE)[FAULTS_PER_SITUATION:])
+        assert not (lasting or in_fault or rig.word & FAULT) or display.faults
+
+
+@pytest.mark.parametrize(("number", "word"), [(2, "STW2"), (81, "STW2_ENC")])
+def test_lost_sign_of_life_stays_in_a_cleared_buffer_until_it_counts_again(number: int, word: str) -> None:
+    encoder = "[[encoder]]\ndo_id = 1\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
+    with running(configuration(axis(1, telegram_number=2) if number == 2 else encoder)) as daemon:
+        online(daemon)
+        plc, item = Plc(daemon, [number]), daemon.objects[0]
+        display, life = FaultDisplay(daemon, item), signal(word).bit("SIGN_OF_LIFE")
+        item.set_sign_of_life_tolerance(1)
+        plc.endpoint.set(0, {"STW1": OFF} if number == 2 else {word: 0x0400})
+        plc.endpoint.count(0, word, life)
+        plc.exchange(50)
+        plc.endpoint.count(0, word, None)
+        plc.exchange(50)
+        display.clear()
+        assert display.faults == [124]
+        plc.endpoint.count(0, word, life)
+        plc.exchange(50)
+        display.clear()
+        assert display.faults == []
+
+
+def test_fault_without_a_place_takes_one_in_the_cleared_buffer() -> None:
+    log = FaultLog(0)
+    for code in range(7):
+        log.enter(FaultRecord(101, code, 0, "", 0))
+    log.clear(lambda record: record.code == 6)
+    assert log.entries()[:2] == [Fault(101, 6, 0, 0), Fault(0, 0, 0, 0)]
+    counter = log.buffer.counter
+    log.clear(lambda record: True)
+    assert log.buffer.counter == counter, "nothing has changed (P944)"
 
 
 @contextmanager

@@ -165,7 +165,8 @@ def test_a_consequence_never_replaces_the_origin(pair: tuple[str, str]) -> None:
         assert first[2] in status_of(daemon).sentence
 
 
-def test_a_severe_fault_is_shown_until_it_is_acknowledged_after_its_origin() -> None:
+@pytest.mark.parametrize("acknowledges", [True, False], ids=["acknowledged", "P952 := 0"])
+def test_a_severe_fault_is_shown_until_it_is_acknowledged_after_its_origin(acknowledges: bool) -> None:
     with in_operation() as (daemon, plc):
         words((ON, {"NSOLL_A": 0x1000}))(plc, daemon)
         drive_of(daemon).node.start_fault("deaf")
@@ -180,7 +181,9 @@ def test_a_severe_fault_is_shown_until_it_is_acknowledged_after_its_origin() -> 
         plc.silent = False
         end_faults(plc, daemon)
         plc.until(lambda: daemon.axes[0].good, "online")
-        words((OFF, {}), (OFF | 0x80, {}), (OFF, {}))(plc, daemon)
+        words((OFF, {}), (OFF | 0x80, {}) if acknowledges else (OFF, {}), (OFF, {}))(plc, daemon)
+        if not acknowledges:
+            daemon.axes[0].clear_faults()
         assert status_of(daemon).state is AxisState.OFF
 
 

@@ -179,7 +179,7 @@ def test_a_warning_is_active_until_its_end_and_only_in_its_newest_entry() -> Non
     assert [record.number for record in log.unacknowledged()] == [FaultNumber.PLC_LOST]
     # The gateway's warnings end with the standing one of the machine, a fault with its acknowledge or P952 := 0.
     assert [logged.active for logged in log.reported(present=0)] == [False, True, False]
-    log.clear()
+    log.clear(lambda _: False)
     assert not any(logged.active for logged in log.reported(present=0))
     assert not log.unacknowledged()
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.parameters.objects import RequestContext
 from pdgw.gateway.parameters.profile import AxisObject, EncoderChannelObject
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import Values
 from pdgw.profidrive.parameters.description import Pnu
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION
 from pdgw.profidrive.signals import signal
@@ -28,6 +31,7 @@ def drive_state(zsw1: int) -> int:
 
 class FaultDisplay:
     """Call it after each cycle. A fault of P947 without its acknowledge is bit 3 from the next cycle on, a warning of P953 bit 7.
+    Bit 3 of a device that is online has a fault in P947 as soon as its EMCY or its code can be there.
 
     Telegram 100 shows the Statusword of the drive and is not checked.
     """
@@ -42,6 +46,8 @@ class FaultDisplay:
         self._context = RequestContext()
         self._cycle: int | None = None
         """The cycle of the gateway after which there was a fault first."""
+        self._unnamed = 0
+        """Cycles in succession with bit 3 and without a fault in P947."""
 
     def read(self, pnu: int, elements: int = 0) -> list[int]:
         """Values of a parameter, as a client gets them."""
@@ -57,6 +63,10 @@ class FaultDisplay:
         """P953."""
         return self.read(Pnu.WARNING_WORD)[0]
 
+    def clear(self) -> None:
+        """P952 := 0."""
+        self._parameters.parameter(Pnu.FAULT_SITUATIONS, self._context).write(0, 0, Values(DataType.UNSIGNED16, (0,)))
+
     def __call__(self) -> None:
         names = self._item.telegram.actuals.names
         name = next((name for name in _WORDS if name in names), None)
@@ -70,3 +80,7 @@ class FaultDisplay:
             due = self._cycle is not None and self._cycle < cycle
             must = _FAULT * due | _WARNING * (warnings != 0)
             assert word & must == must, f"{name} {word:04X}h, P947 {self.faults}, P953 {warnings:04X}h"
+            self._unnamed = self._unnamed + 1 if word & _FAULT and self._item.good and not self.faults else 0
+            assert self._unnamed * self._daemon.cycle_ns < 2 * EMERGENCY_PATIENCE_NS, (
+                f"{name} {word:04X}h, P947 is empty"
+            )
