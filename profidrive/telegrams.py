@@ -157,6 +157,11 @@ class Telegram:
     def __repr__(self) -> str:
         return f"<Telegram {self.number}: {' '.join(self.setpoints.names)} -> {' '.join(self.actuals.names)}>"
 
+    @property
+    def class_bits(self) -> int:
+        """The application classes as in P975: bit 0 is class 1."""
+        return sum(1 << item - 1 for item in self.classes)
+
     def half(self, direction: Direction) -> TelegramHalf:
         return self.setpoints if direction is Direction.SETPOINT else self.actuals
 

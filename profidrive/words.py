@@ -40,6 +40,11 @@ class Bit:
     confidence: Confidence = Confidence.CONFIRMED
 
     @property
+    def zero(self) -> str:
+        """The meaning of 0, empty where ``meaning`` does not have it."""
+        return self.meaning.partition("(0 = ")[2].removesuffix(")")
+
+    @property
     def mask(self) -> int:
         return ((1 << self.width) - 1) << self.position
 

@@ -29,7 +29,7 @@ from pdgw.dsp406.objects import (
 )
 from pdgw.gateway.base import identity
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import DEVICE_WARNING, EMCY_WARNING, FIRST_WARNING, GATEWAY_FAULTS, first_warning
+from pdgw.gateway.base.reasons import DEVICE_WARNING, EMCY_WARNING, GATEWAY_FAULTS
 from pdgw.gateway.base.store import DeviceParameters, DoParameters
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
@@ -49,6 +49,7 @@ from pdgw.profidrive.parameters.catalogue import (
     PARAMETERS,
     PROFILE_IDENTIFICATION,
     ParameterSpec,
+    bit_texts,
 )
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
 from pdgw.profidrive.parameters.description import Pnu
@@ -66,8 +67,6 @@ MAX_BLOCK = 4096
 """P974: longest parameter request and response, in bytes."""
 _OPERATING_MODES = {ApplicationMode.VELOCITY: 1, ApplicationMode.POSITIONING: 2}
 _MANUFACTURER_MODE = 0x8000
-_SUBCLASS = 0b101
-"""P975: application classes 1 (speed) and 3 (positioning)."""
 _ENCODER_CLASS_3 = 0x4000
 """P975: without isochronous operation."""
 _STATUS_HEADER = 0x000C_0101
@@ -89,16 +88,21 @@ _STEPS_PER_SECOND = 0
 """Element 11 of P65001: the unit of 6030h."""
 _I32_MAX = (1 << 31) - 1
 _LIST_SIZE = 99
-_WARNING_TEXTS = tuple(
-    GATEWAY_FAULTS[number].name[:16]
-    if number in GATEWAY_FAULTS
-    else "device warning"
-    if number == first_warning(DEVICE_WARNING)
-    else "EMCY"
-    if number == first_warning(EMCY_WARNING)
-    else "reserved"
-    for number in range(FIRST_WARNING, FIRST_WARNING + 16)
-)
+"""Parameters of a list; more only where ten lists do not suffice."""
+_FURTHER_WARNINGS = 1 << 13
+"""P953: any of the warnings whose own bit is above the sixteenth."""
+_WARNING_NAMES = {fault.warning_mask: fault.name for fault in GATEWAY_FAULTS.values() if fault.is_warning} | {
+    _FURTHER_WARNINGS: "number above 123",
+    EMCY_WARNING: "EMCY",
+    DEVICE_WARNING: "device warning",
+}
+_WARNING_TEXTS = bit_texts(_WARNING_NAMES.get(1 << bit, "reserved") for bit in range(16))
+
+
+def _warning_word(warnings: int) -> int:
+    """P953 of the warnings of a step."""
+    return warnings & 0xFFFF | (_FURTHER_WARNINGS if warnings > 0xFFFF else 0)
+
 
 Getter = Callable[[], int | float | bytes | Sequence[int]]
 Setter = Callable[[int], None]
@@ -151,16 +155,14 @@ class BoundObject:
         return ()
 
     def bind_lists(self) -> None:
-        """P980 ff: all parameters that exist, chained; call it when everything else is bound."""
+        """P980 ff: all parameters that exist but the lists, chained; call it when everything else is bound."""
         self._parameters = {pnu: item for pnu, item in self._parameters.items() if pnu not in LIST_PNUS}
-        others = {*self._parameters, *self.further_pnus()}
-        lists = 1
-        while len(others) + lists > lists * _LIST_SIZE:
-            lists += 1
-        pnus = sorted({*others, *LIST_PNUS[:lists]})
-        for place in range(lists):
-            follower = LIST_PNUS[place + 1] if place + 1 < lists else 0
-            self.bind(LIST_PNUS[place], _constant((*pnus[place * _LIST_SIZE : (place + 1) * _LIST_SIZE], follower)))
+        pnus = sorted({*self._parameters, *self.further_pnus()})
+        size = max(_LIST_SIZE, -(-len(pnus) // len(LIST_PNUS)))
+        parts = [pnus[start : start + size] for start in range(0, len(pnus), size)]
+        for pnu, part in zip(LIST_PNUS, parts, strict=False):
+            follower = pnu + 1 if part is not parts[-1] else 0
+            self.bind(pnu, _constant((*part, follower)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +250,7 @@ class NodeObject(BoundObject):
         self.bind(Pnu.FAULT_TIME, lambda: [fault.time_ms for fault in log_.entries()])
         self.bind(Pnu.FAULT_VALUE, lambda: [fault.value for fault in log_.entries()])
         self.bind(Pnu.FAULT_SITUATIONS, lambda: log_.buffer.situations, self._clear_faults)
-        self.bind(Pnu.WARNING_WORD, lambda: owner.outputs.warning, texts=lambda: _WARNING_TEXTS)
+        self.bind(Pnu.WARNING_WORD, lambda: _warning_word(owner.outputs.warning), texts=lambda: _WARNING_TEXTS)
         self.bind(Pnu.BAUD_RATE, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
         self.bind_action(Pnu.LOAD, self.load)
         self.bind_action(Pnu.SAVE, self.save)
@@ -355,7 +357,7 @@ class AxisObject(NodeObject):
         self.bind(Pnu.PROFILE, lambda: PROFILE_IDENTIFICATION)
         self.bind(Pnu.STW1, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
         self.bind(Pnu.ZSW1, lambda: axis.actuals[0])
-        self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), AXIS_CLASS, _SUBCLASS, self.do_id))
+        self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), AXIS_CLASS, axis.telegram.class_bits, self.do_id))
         self.bind(Pnu.SENSOR_FORMAT, lambda: encode_sensor_format(axis.sensor_formats))
         self.bind(Pnu.REFERENCE_SPEED, self._reference_speed)
         self.bind_lists()

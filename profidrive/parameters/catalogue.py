@@ -7,6 +7,7 @@ values. CANopen objects 03E8h..EA5Fh, which are also parameters, have their own 
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -35,7 +36,7 @@ class Scope(enum.Enum):
 class ParameterSpec:
     """One parameter.
 
-    ``low`` and ``high`` bound what may be written; ``texts`` are the text array (for a word: what each bit means, from bit 0);
+    ``low`` and ``high`` bound what may be written; ``texts`` are the text array (of a V2: two for each bit, see ``bit_texts``);
     ``elements`` names the elements of an array whose places have a meaning.
     """
 
@@ -59,10 +60,15 @@ class ParameterSpec:
             raise ProfidriveError(f"name of P{self.pnu}", self.name, f"at most {NAME_SIZE} characters")
 
 
-def _bit_texts(name: str) -> tuple[str, ...]:
-    """Meaning of 1 for each bit from 0, cut to the size of a parameter text."""
-    item = signal(name)
-    return tuple(bit.name.replace("_", " ").lower()[:NAME_SIZE] for bit in item.bits)
+def bit_texts(names: Iterable[str], zeros: Mapping[int, str] = MappingProxyType({})) -> tuple[str, ...]:
+    """Text array of a V2: the texts of 0 and of 1 for each bit from 0; ``zeros``: those of 0 that are not "no", by bit."""
+    return tuple(text[:NAME_SIZE] for place, name in enumerate(names) for text in (zeros.get(place, "no"), name))
+
+
+def _word_texts(name: str) -> tuple[str, ...]:
+    bits = signal(name).bits
+    zeros = {bit.position: bit.zero for bit in bits if bit.zero}
+    return bit_texts((bit.name.replace("_", " ").lower() for bit in bits), zeros)
 
 
 _U8, _U16, _U32, _I32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32, DataType.INTEGER32
@@ -165,7 +171,7 @@ _SPECS = (
         Pnu.WARNING_WORD,
         "Warning word",
         "present warnings",
-        _U16,
+        _V2,
         _DO,
     ),
     ParameterSpec(Pnu.BAUD_RATE, "Baud rate", "actual bit rate of the CAN bus", _U16, _DO, unit="kbit/s"),
@@ -179,8 +185,8 @@ _SPECS = (
         elements=("manufacturer", "type", "version", "year", "day and month", "axes"),
     ),
     ParameterSpec(Pnu.PROFILE, "Profile ident", "profile identification number", _U16, _DO),
-    ParameterSpec(Pnu.STW1, "STW1", "control word as last exchanged", _V2, _AXIS, texts=_bit_texts("STW1")),
-    ParameterSpec(Pnu.ZSW1, "ZSW1", "status word as last exchanged", _V2, _AXIS, texts=_bit_texts("ZSW1")),
+    ParameterSpec(Pnu.STW1, "STW1", "control word as last exchanged", _V2, _AXIS, texts=_word_texts("STW1")),
+    ParameterSpec(Pnu.ZSW1, "ZSW1", "status word as last exchanged", _V2, _AXIS, texts=_word_texts("ZSW1")),
     ParameterSpec(
         Pnu.LOAD, "Load parameters", "1 loads the stored parameters", _U16, _DO, writable=True, low=0, high=1
     ),

@@ -141,7 +141,7 @@ def test_list_and_describe(server: tuple[str, int]) -> None:
     assert all(name in text for name in full.values())
     assert max(map(len, text.splitlines())) <= 80
     (described,) = json.loads(pdgw("param", "describe", "P968", "--json", *option(server)).stdout)
-    assert described["texts"][3] == "fault"
+    assert described["texts"][7] == "fault"
     missing = pdgw("param", "describe", "5000", *option(server))
     assert missing.returncode == 1
     assert "1388h" in missing.stderr
