@@ -8,10 +8,10 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict, model_validator
 
 from pdgw.base.durations import MS
-from pdgw.base.validation import Synonyms, misplaced
+from pdgw.base.validation import misplaced
 from pdgw.ds301.communication import DEFAULT_GATEWAY_NODE_ID, NODE_IDS
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.gateway.base import identity
@@ -119,6 +119,13 @@ def _is_station_name(text: str) -> str:
     return text
 
 
+def _has_prefix(value: object) -> object:
+    """An address alone would be one of a network without neighbours."""
+    if isinstance(value, str) and re.fullmatch(r"[\d.]+", value):
+        raise ValueError(f'the prefix length is missing, such as "{value}/24" for the mask 255.255.255.0')
+    return value
+
+
 class TransportConfig(Section):
     """The transport to the PLC."""
 
@@ -127,9 +134,9 @@ class TransportConfig(Section):
         None
     )
     """Ethernet interface of ``profinet``."""
-    ip: Annotated[IPv4Interface | None, Synonyms(("ip_address", "subnet_mask", "mask", "netmask"))] = None
+    ip: Annotated[IPv4Interface, BeforeValidator(_has_prefix)] | None = None
     """A fixed address with its prefix length; without it the controller or engineering tool gives one by DCP."""
-    router: Annotated[IPv4Address | None, Synonyms(("router_address", "gateway", "default_gateway"))] = None
+    router: IPv4Address | None = None
     """The IP suite's standard gateway, with a fixed address."""
     snmp_community: Community | None = None
     """Community of the SNMP agent (``profinet``), usually "public"; None: no agent."""
@@ -140,22 +147,14 @@ class TransportConfig(Section):
     listen: IPv4Address = IPv4Address("127.0.0.1")
     cyclic_port: Port = CYCLIC_PORT
     acyclic_port: Port = ACYCLIC_PORT
-    cycle_time_ms: Annotated[
-        float, Strict(), Field(ge=0.25, le=512), Synonyms(("update_time", "update_time_ms", "send_clock"))
-    ] = USUAL_CYCLE_MS
-    watchdog_factor: Annotated[
-        Integer, Field(ge=1, le=WATCHDOG_FACTOR_MAX), Synonyms(("watchdog", "watchdog_time", "watchdog_time_ms"))
-    ] = WATCHDOG_FACTOR
+    cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = USUAL_CYCLE_MS
+    watchdog_factor: Annotated[Integer, Field(ge=1, le=WATCHDOG_FACTOR_MAX)] = WATCHDOG_FACTOR
     peer: IPv4Address | None = None
     direct: Boolean = False
     """Only cables and switches are between PLC and ``udp``: no frame is late. Loopback always is direct."""
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""
-    station_name: Annotated[
-        str,
-        AfterValidator(_is_station_name),
-        Synonyms(("device_name", "profinet_device_name", "name_of_station")),
-    ] = DEFAULT_STATION_NAME
+    station_name: Annotated[str, AfterValidator(_is_station_name)] = DEFAULT_STATION_NAME
     """P61000; of ``profinet`` the name until DCP gives another one, "" for none: a controller may name the device then."""
 
     @property
@@ -200,10 +199,6 @@ class TransportConfig(Section):
             for key in ("interface", "ip", "router", "snmp_community", "snmp_write_community"):
                 if getattr(self, key) is not None:
                     raise misplaced(f'{key}: allowed only with type = "profinet"', key)
-        elif self.ip is not None and self.ip.network.prefixlen == self.ip.max_prefixlen:
-            raise misplaced(
-                f'ip = "{self.ip.ip}": expected an address with its prefix length such as "{self.ip.ip}/24"', "ip"
-            )
         elif self.router is not None and (self.ip is None or self.router not in self.ip.network):
             raise misplaced("router: must be an address in the network of ip, and ip must be set", "router")
         elif self.ip_suite is not None:

@@ -92,7 +92,7 @@ _JOG: Final = "0.9.0: write jog_speeds_rpm = [{jog_1_speed_rpm|0}, {jog_2_speed_
 _JOG_DISTANCES: Final = "0.9.0: write jog_distances = [{jog_1_distance|0}, {jog_2_distance|0}]"
 _JOG_VELOCITIES: Final = "0.9.0: write jog_velocities = [{jog_1_velocity|-300}, {jog_2_velocity|300}]"
 _KEEP: Final = "0.9.0: 20 files of 10 s before and 5 s after an event are kept; pdgw trace watch has options for others"
-REMOVED: Final = MappingProxyType(
+_REMOVED: Final = MappingProxyType(
     {
         "axis.jog_1_speed_rpm": _JOG,
         "axis.jog_2_speed_rpm": _JOG,
@@ -121,6 +121,32 @@ REMOVED: Final = MappingProxyType(
     }
 )
 """Keys of earlier versions: the version without them and the reason, with the user's values in the new key."""
+_MEANT: Final = {
+    "transport.device_name": "station_name",
+    "transport.name_of_station": "station_name",
+    "transport.profinet_device_name": "station_name",
+    "transport.ip_address": "ip",
+    "transport.subnet_mask": 'ip with its prefix length, such as "192.168.0.2/24"',
+    "transport.netmask": 'ip with its prefix length, such as "192.168.0.2/24"',
+    "transport.default_gateway": "router",
+    "transport.gateway": "router",
+    "transport.router_address": "router",
+    "transport.update_time": "cycle_time_ms",
+    "transport.update_time_ms": "cycle_time_ms",
+    "transport.send_clock": "cycle_time_ms",
+    "transport.watchdog_time": "watchdog_factor, a number of cycles",
+    "transport.watchdog_time_ms": "watchdog_factor, a number of cycles",
+    "transport.plc": "peer, the address of the PLC",
+    "axis.slave_id": "node_id",
+    "axis.invert": "polarity 607Eh, an object of the drive: write it with the drive's tool",
+    "axis.polarity": "polarity 607Eh, an object of the drive: write it with the drive's tool",
+    "web.port": 'listen with its port, such as "127.0.0.1:8420"',
+}
+"""Other words for a key: those of engineering tools and of other programs."""
+HINTS: Final = MappingProxyType(
+    {key: f"was removed in {reason}" for key, reason in _REMOVED.items()}
+    | {key: f"unknown key; did you mean {meant}?" for key, meant in _MEANT.items()}
+)
 _PERCENT = "standstill_window_percent"
 
 _SECRET = re.compile(r'^(\s*"?[\w-]*(?:pass|secret|token|key|user)[\w-]*"?\s*=\s*).*$', re.IGNORECASE | re.MULTILINE)
@@ -165,7 +191,7 @@ def _files_resolved(section: FileSection, path: Path) -> FileSection:
 
 def parse_config(text: str, name: str = "configuration", folder: Path = Path()) -> GatewayConfig:
     """Validate configuration text; see ``load_config``. Drive families with a relative path are in ``folder``."""
-    return parse_toml(GatewayConfig, text, name, REMOVED, folder)
+    return parse_toml(GatewayConfig, text, name, HINTS, folder)
 
 
 def config_text(config: GatewayConfig) -> str:

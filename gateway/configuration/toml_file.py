@@ -61,12 +61,12 @@ def parse_toml(
     root: type[Root],
     text: str,
     name: str,
-    removed: Mapping[str, str] = MappingProxyType({}),
+    hints: Mapping[str, str] = MappingProxyType({}),
     folder: Path = Path(),
 ) -> Root:
     """Validate TOML text by the model of the whole file; GatewayError has one line for each thing that is wrong.
 
-    ``removed``: see ``problems``.
+    ``hints``: see ``problems``.
     ``folder``: the context of the validation.
     """
     try:
@@ -77,7 +77,7 @@ def parse_toml(
     try:
         return root.model_validate(document, context=folder)
     except ValidationError as error:
-        lines = [problem_text(problem, text, name) for problem in problems(error, root, removed)]
+        lines = [problem_text(problem, text, name) for problem in problems(error, root, hints)]
         raise GatewayError("\n".join(lines)) from error
 
 

@@ -44,17 +44,12 @@ _EXPECTED = {
     "ip_v4_network": 'an IPv4 address or network such as "192.168.0.0/24"',
 }
 _SHOWN = 6
-"""Number of allowed keys in the error of an unknown one."""
+"""Number of similar keys in the error of an unknown one."""
+_SIMILAR = 0.5
 _SURE = 0.8
 """A key this similar to one of its table is a typing error, also if another table has it."""
 _GIVEN = re.compile(r"\{(\w+)\|(.*?)\}")
 """``{key|default}``: the user's value of a removed key."""
-
-
-class Synonyms(tuple[str, ...]):
-    """In the metadata of a field: what others call its key. Who writes one of them gets the key as a suggestion."""
-
-    __slots__ = ()
 
 
 class Problem(NamedTuple):
@@ -79,12 +74,12 @@ def misplaced(text: str, *location: str | int) -> PydanticCustomError:
 
 
 def problems(
-    error: ValidationError, root: type[BaseModel], removed: Mapping[str, str] = MappingProxyType({})
+    error: ValidationError, root: type[BaseModel], hints: Mapping[str, str] = MappingProxyType({})
 ) -> list[Problem]:
     """Everything that is wrong with what should be a ``root``; all that a value could have been instead is one problem.
 
-    ``removed``: keys of earlier versions ("transport.example") with the version of their end and the reason. It can contain
-    values of removed keys of the same table, ``{key|default}``.
+    ``hints``: texts for keys that do not exist ("transport.example"): those of earlier versions, and other words for a key. They
+    can contain values of such keys of the same table, ``{key|default}``.
     """
     found: dict[tuple[Location, str], tuple[_Place, list[ErrorDetails]]] = {}
     for detail in error.errors(include_url=False):
@@ -97,8 +92,8 @@ def problems(
     for (location, kind), (place, details) in found.items():
         if kind == _PLACED:
             result += [Problem(location, "", detail["ctx"]["text"], names_key=True) for detail in details]
-        elif reason := removed.get(".".join(part for part in location if isinstance(part, str))):
-            result.append(Problem(location, "", f"was removed in {_with_values(reason, location[:-1], given)}"))
+        elif hint := hints.get(".".join(part for part in location if isinstance(part, str))):
+            result.append(Problem(location, "", _with_values(hint, location[:-1], given)))
         else:
             result.append(_problem(place, details, root))
     return list(dict.fromkeys(result))
@@ -110,8 +105,8 @@ def value_text(error: ValidationError) -> str:
     return problem.text if problem.value in problem.text else f"{problem.value}: {problem.text}"
 
 
-def _with_values(reason: str, table: Location, given: Mapping[Location, Any]) -> str:
-    return _GIVEN.sub(lambda match: repr(given[place]) if (place := (*table, match[1])) in given else match[2], reason)
+def _with_values(hint: str, table: Location, given: Mapping[Location, Any]) -> str:
+    return _GIVEN.sub(lambda match: repr(given[place]) if (place := (*table, match[1])) in given else match[2], hint)
 
 
 def _problem(place: _Place, details: list[ErrorDetails], root: type[BaseModel]) -> Problem:
@@ -157,23 +152,22 @@ def _missing(place: _Place, given: Any) -> Problem:
 
 
 def _suggestion(place: _Place, root: type[BaseModel]) -> str:
-    """The key that has this name elsewhere, or the most similar one of this table or of any one, else some keys of this one."""
+    """The most similar key of this table, else the similar ones or all of them, and the table that has such a key."""
     key, tables = str(place.location[-1]), list(_tables(root))
     everywhere = [name for _, keys in tables for name in keys]
-    called = [
-        name
-        for _, fields in tables
-        for name, field in fields.items()
-        if any(isinstance(item, Synonyms) and key.lower() in item for item in field.metadata)
-    ]
-    sure = called or get_close_matches(key, place.keys, 1, _SURE) or get_close_matches(key, everywhere, 1, _SURE)
-    for similar in sure or get_close_matches(key, place.keys, 1):
-        paths = [f" in [{path}]" if path else " before the first table" for path, keys in tables if similar in keys]
-        return f"; did you mean {similar}{'' if similar in place.keys else ' or'.join(paths)}?"
-    nearest = get_close_matches(key, place.keys, _SHOWN, 0)
+    if own := get_close_matches(key, place.keys, 1, _SURE):
+        return f"; did you mean {own[0]}?"
+    elsewhere = get_close_matches(key, everywhere, 1, _SURE)
+    if not elsewhere and (own := get_close_matches(key, place.keys, 1)):
+        return f"; did you mean {own[0]}?"
+    nearest = get_close_matches(key, place.keys, _SHOWN, 0 if len(place.keys) <= _SHOWN else _SIMILAR) or place.keys
     others = len(place.keys) - len(nearest)
     shown = ", ".join(name for name in place.keys if name in nearest)
-    return f" (allowed: {shown}{f' and {others} others' if others else ''})"
+    text = f" (allowed: {shown}{f' and {others} others' if others else ''})"
+    for similar in elsewhere:
+        paths = [f" in [{path}]" if path else " before the first table" for path, keys in tables if similar in keys]
+        text += f"; did you mean {similar}{' or'.join(paths)}?"
+    return text
 
 
 def _tables(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, Mapping[str, FieldInfo]]]:

@@ -192,6 +192,25 @@ can = "left"
         ("acyclic_port = 34964", "acyclic_port = 34962", ["cyclic_port and acyclic_port are both 34962"]),
         ("[can]", "store = 7\n[can]", ["x.toml:1", "store = 7"]),
         ("[can]", "can = 7\n[cam]", ["can"]),
+        (
+            'listen = "127.0.0.1"',
+            'ip = "192.168.0.2"',
+            ["x.toml:8: [transport] ip = '192.168.0.2'", '"192.168.0.2/24"'],
+        ),
+        ('listen = "127.0.0.1"', 'ip = "here"', ["ip = 'here'", "an IPv4 address with its prefix length"]),
+        ('listen = "127.0.0.1"', 'device_name = "a"', ["device_name: unknown key; did you mean station_name?"]),
+        (
+            "[transport]",
+            "[web]\nport = 80\n[transport]",
+            ["[web] port: unknown key; did you mean listen with its port"],
+        ),
+        (
+            "[transport]",
+            "[web]\nusername = 80\n[transport]",
+            ["username: unknown key (allowed: listen, token_file, hosts, tls_cert); did you mean username in [mqtt]?"],
+        ),
+        ("node_id = 3", "node_id = 3\ninvert = true", ["invert: unknown key; did you mean polarity 607Eh"]),
+        ("node_id = 3", "node_id = 3\nxyz = true", ["xyz: unknown key (allowed: do_id, name, node_id, ", "family, "]),
     ],
 )
 def test_bad_input_is_rejected_with_place_value_and_what_is_allowed(old: str, new: str, parts: list[str]) -> None:
