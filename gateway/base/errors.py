@@ -8,6 +8,7 @@ releases from 0.9.0 on (tests/formats). A file of a newer version is rejected an
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -16,6 +17,19 @@ from pdgw.base.errors import PdgwError
 
 class GatewayError(PdgwError):
     """A fault of the gateway or its configuration, in one line that a user can act on."""
+
+
+DAMAGED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError, struct.error)
+"""What reading a damaged file can raise."""
+
+
+@contextmanager
+def reading(what: str) -> Iterator[None]:
+    """Report what damaged data raises as a GatewayError. ``what``: the place."""
+    try:
+        yield
+    except DAMAGED as error:
+        raise GatewayError(f"{what}: damaged ({type(error).__name__}: {error})") from error
 
 
 @contextmanager

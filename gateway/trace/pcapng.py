@@ -189,6 +189,10 @@ class Description:
     """Names of the reasons; code 1 is the first."""
     version: int = VERSION
 
+    def reason(self, code: int) -> str:
+        """The name of a recorded reason, empty for none."""
+        return "" if not code else self.reasons[code - 1] if 0 < code <= len(self.reasons) else f"reason {code}"
+
 
 def configuration(head: bytes) -> str:
     """The gateway's configuration in a section header; empty where there is none."""

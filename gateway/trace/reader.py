@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, Self
 
-from pdgw.gateway.base.errors import GatewayError, problem
+from pdgw.gateway.base.errors import GatewayError, problem, reading
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.step_reader import Routes, Step, StepReader
@@ -50,13 +50,15 @@ class Cycle(NamedTuple):
 
 
 class Parser:
-    """The blocks of one section after the other. ``feed`` it bytes as they come; GatewayError where they are damaged."""
+    """The blocks of one section after the other. ``feed`` it bytes as they come; GatewayError with the offset of damage."""
 
     def __init__(self, name: str) -> None:
         self.description: Description | None = None
         self.configuration = ""
         self._name = name
         self._rest = b""
+        self._offset = 0
+        """Of the rest in the file."""
         self._received = self._sent = b""
         self._cyclic: list[bytes] = []
         """Frames from and to the PLC since the last cycle."""
@@ -72,27 +74,39 @@ class Parser:
         while at + _SMALLEST <= size:
             kind, length = pcapng.HEAD.unpack_from(data, at)
             if length < _SMALLEST or length % 4 or length > _LARGEST or (not at and not self._is_known(kind)):
-                raise GatewayError(f"{self._name}: damaged, or not a recording of the gateway")
+                raise GatewayError(f"{self._place(at)}: damaged, or not a recording of the gateway")
             if at + length > size:
                 break
-            if kind == pcapng.PACKET:
-                _, _, interface, time_ns, captured, _ = pcapng.PACKET_HEAD.unpack_from(data, at)
-                begin = at + pcapng.PACKET_HEAD.size
-                frame = Frame(time_ns, interface, data[begin : begin + captured])
-                if self.description is not None and interface <= len(self.description.buses):
-                    if interface == len(self.description.buses):
-                        self._cyclic.append(frame.data)
-                    else:
-                        self._can.append(frame)
-                yield frame
-            elif kind == pcapng.CUSTOM:
-                item = self._custom(data, at)
-                if item is not None:
-                    yield item
-            elif kind == pcapng.SECTION:
-                self.configuration = pcapng.configuration(data[at : at + length])
+            with reading(self._place(at)):
+                item = self._block(kind, data[at : at + length])
+            if item is not None:
+                yield item
             at += length
         self._rest = data[at:]
+        self._offset += at
+
+    def end(self) -> None:
+        """GatewayError if the file ends within a block."""
+        if self._rest:
+            raise GatewayError(f"{self._place(0)}: the file ends within a block")
+
+    def _place(self, at: int) -> str:
+        return f"{self._name}: offset {self._offset + at}"
+
+    def _block(self, kind: int, block: bytes) -> Description | Frame | Cycle | None:
+        if kind == pcapng.PACKET:
+            _, _, interface, time_ns, captured, _ = pcapng.PACKET_HEAD.unpack_from(block)
+            begin = pcapng.PACKET_HEAD.size
+            frame = Frame(time_ns, interface, block[begin : begin + captured])
+            if self.description is not None and interface <= len(self.description.buses):
+                if interface == len(self.description.buses):
+                    self._cyclic.append(frame.data)
+                else:
+                    self._can.append(frame)
+            return frame
+        if kind == pcapng.SECTION:
+            self.configuration = pcapng.configuration(block)
+        return self._custom(block) if kind == pcapng.CUSTOM else None
 
     def _is_known(self, kind: int) -> bool:
         return self.description is not None or kind in {pcapng.SECTION, pcapng.INTERFACE, pcapng.CUSTOM}
@@ -108,25 +122,23 @@ class Parser:
             self._sent = next(frames, b"")[header if is_udp else 0 :]
         self._cyclic = []
 
-    def _custom(self, data: bytes, at: int) -> Description | Cycle | None:
-        _, _, enterprise, kind, size = pcapng.CUSTOM_HEAD.unpack_from(data, at)
-        begin = at + pcapng.CUSTOM_HEAD.size
+    def _custom(self, block: bytes) -> Description | Cycle | None:
+        _, _, enterprise, kind, size = pcapng.CUSTOM_HEAD.unpack_from(block)
+        begin = pcapng.CUSTOM_HEAD.size
         if enterprise != pcapng.ENTERPRISE:
             return None
-        content = data[begin : begin + size]
+        content = block[begin : begin + size]
         if kind == pcapng.DESCRIPTION:
             return self._describe(content)
         return self._cycle(content) if kind == pcapng.CYCLE else None
 
     def _describe(self, content: bytes) -> Description:
-        try:
-            document = json.loads(content)
-            text = problem(document["version"], pcapng.VERSION)
-            found = from_json(document) if not text else None
-        except (ValueError, KeyError, TypeError) as error:
-            raise GatewayError(f"{self._name}: damaged description") from error
-        if not isinstance(found, Description):
+        document = json.loads(content)
+        if text := problem(document["version"], pcapng.VERSION):
             raise GatewayError(f"{self._name}: {text}")
+        found = from_json(document)
+        if not isinstance(found, Description):
+            raise TypeError("not a description")
         self.description = found
         self._routes = {}
         self._objects = [StepReader(found, place, self._routes) for place in range(len(found.objects))]
@@ -226,9 +238,7 @@ class RingReader:
 
     def reason(self, cycle: Cycle, place: int) -> str:
         """The name of the reason of a drive object, empty for none."""
-        code = self.value(cycle, place, "decided", "reason") or 0
-        names = ("", *self.layout.reasons)
-        return names[code] if code < len(names) else f"reason {code}"
+        return self.layout.reason(self.value(cycle, place, "decided", "reason") or 0)
 
     def value(self, cycle: Cycle, place: int, group: str, name: str) -> int | None:
         """A value of drive object ``place`` (from 0) in a cycle; None: it is not recorded."""

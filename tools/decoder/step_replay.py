@@ -15,7 +15,7 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import Events, PresetAnswer, ProbeAnswer, SdoAnswer
-from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.errors import GatewayError, reading
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame
@@ -50,6 +50,14 @@ class Replayed:
     """All fields of the first step that differs."""
 
 
+class ReplayError(GatewayError):
+    """A recording cannot be replayed any further. ``outcomes``: what was compared before."""
+
+    def __init__(self, text: str, outcomes: list[Replayed]) -> None:
+        self.outcomes = outcomes
+        super().__init__(text)
+
+
 class _Sensor:
     """A recorded encoder, as ``EncoderInput``."""
 
@@ -66,7 +74,7 @@ class _Object:
         traced = description.objects[place]
         self._traced = traced
         self._place = place
-        self._reasons = description.reasons
+        self._reason = description.reason
         self._actuals_at = description.places.actuals[place]
         self._telegram = telegram(traced.telegram)
         self.result = Replayed(f"{traced.kind} {traced.do_id}", traced.telegram)
@@ -188,7 +196,7 @@ class _Object:
         for name, recorded in zip(groups["decided"], step.decided, strict=True):
             if name == "reason":
                 now = outputs.reason.name if outputs.reason is not None else ""
-                if now != (text := self._reasons[recorded - 1] if recorded else ""):
+                if now != (text := self._reason(recorded)):
                     yield name, text or "none", now or "none"
             elif name != _COUNT and hasattr(outputs, name) and getattr(outputs, name) != recorded:
                 yield name, recorded, int(getattr(outputs, name))
@@ -234,10 +242,18 @@ def _present(item: object, outputs: Any) -> object:
 
 
 def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
-    """The whole recording, in which gateways may follow each other. GatewayError if it begins in the middle of a run or has a
-    gap."""
-    objects: list[_Object] = []
+    """The whole recording, in which gateways may follow each other. ReplayError if it begins in the middle of a run, has a gap or
+    is damaged."""
     results: dict[int, Replayed] = {}
+    try:
+        _replay(items, results)
+    except GatewayError as error:
+        raise ReplayError(str(error), list(results.values())) from error
+    return list(results.values())
+
+
+def _replay(items: Iterable[Description | Frame | Cycle], results: dict[int, Replayed]) -> None:
+    objects: list[_Object] = []
     number: int | None = None
     for item in items:
         if isinstance(item, Cycle):
@@ -248,7 +264,8 @@ def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
             number = item.number
             for each in objects:
                 if not each.done:
-                    each.step(item)
+                    with reading(f"cycle {number}, {each.result.who}"):
+                        each.step(item)
         elif isinstance(item, Frame):
             continue
         elif item.first or objects:
@@ -264,4 +281,3 @@ def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
             raise GatewayError(_MIDDLE)
     if not results:
         raise GatewayError("no steps of a gateway: only a recording of the gateway itself can be replayed")
-    return list(results.values())

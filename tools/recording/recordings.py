@@ -235,10 +235,14 @@ def followed(opening: Opening, part: Part = Part()) -> Iterator[Entry | Record]:
         watchdog_factor=known.watchdog_factor,
         uncertainty_ns=opening.clocks.uncertainty_ns,
     )
-    for record in opening.records():
-        if part.end_ns is not None and record.time_ns > part.end_ns + HOLD_NS:
-            break
-        yield from (item for item in builder.add(record) if part.has(item))
+    try:
+        for record in opening.records():
+            if part.end_ns is not None and record.time_ns > part.end_ns + HOLD_NS:
+                break
+            yield from (item for item in builder.add(record) if part.has(item))
+    except GatewayError:
+        yield from (item for item in builder.release() if part.has(item))
+        raise
     yield from (item for item in builder.finish() if part.has(item))
 
 
@@ -251,7 +255,7 @@ def write_page(opening: Opening, part: Part, path: Path) -> None:
 
 
 def replayed(files: Sequence[str]) -> list[Replayed]:
-    """Replay recordings of the gateway that follow each other; GatewayError for others and for damaged ones."""
+    """Replay recordings of the gateway that follow each other; ReplayError for others and for damaged ones."""
     return replay(_items(files))
 
 
@@ -262,6 +266,7 @@ def _items(files: Sequence[str]) -> Iterator[Description | Frame | Cycle]:
             with open(file, "rb") as opened:
                 while data := opened.read(_AT_ONCE):
                     yield from parser.feed(data)
+            parser.end()
         except OSError as error:
             raise GatewayError(f"{file}: {unreadable(Path(file), error)}") from error
 
@@ -272,19 +277,14 @@ def _steps(file: str) -> Iterator[Steps]:
         if not pcapng.has_steps(opened.read(_AT_ONCE)):
             return
     description, last_ns = None, 0
-    try:
-        for item in _items([file]):
-            if isinstance(item, Cycle):
-                assert description is not None
-                yield Steps(max(last_ns, item.wall_ns), description, item)
-            elif isinstance(item, Frame):
-                last_ns = item.wall_ns
-            else:
-                description = item
-    except GatewayError:
-        if description is None:
-            raise
-        # Damaged: the source of the packets names the place.
+    for item in _items([file]):
+        if isinstance(item, Cycle):
+            assert description is not None
+            yield Steps(max(last_ns, item.wall_ns), description, item)
+        elif isinstance(item, Frame):
+            last_ns = item.wall_ns
+        else:
+            description = item
 
 
 def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Axis]:

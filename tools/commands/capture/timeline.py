@@ -129,12 +129,19 @@ def replay(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Run a recording through this version of the gateway; exit status 1 if it decides or sends something else."""
+    from pdgw.tools.decoder.step_replay import ReplayError
     from pdgw.tools.recording.recordings import replayed, write_lines
 
-    outcomes = replayed([str(file) for file in files])
+    failure = None
+    try:
+        outcomes = replayed([str(file) for file in files])
+    except ReplayError as error:
+        outcomes, failure = error.outcomes, error
     write_lines(
         iter([json.dumps([_replay_document(item) for item in outcomes])]) if as_json else _replay_text(outcomes)
     )
+    if failure is not None:
+        raise failure
     if any(item.differences for item in outcomes):
         raise typer.Exit(1)
 

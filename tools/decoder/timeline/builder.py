@@ -102,7 +102,7 @@ class TimelineBuilder:
         self._exchange.watch(now)
         for item in self._objects.values():
             item.tick(now)
-        return self._release(now - HOLD_NS)
+        return self.release(now - HOLD_NS)
 
     def _can(self, record: CanRecord) -> None:
         self._seen.add(BusKind.CAN)
@@ -115,7 +115,7 @@ class TimelineBuilder:
         self._has_steps = True
         for traced, step in zip(description.objects, cycle.steps, strict=True):
             if traced.do_id in self._objects:
-                self._objects[traced.do_id].step(cycle.wall_ns, step, traced, description.reasons)
+                self._objects[traced.do_id].step(cycle.wall_ns, step, traced, description.reason)
 
     def _alarm(self, record: AlarmRecord) -> None:
         if record.ended is not None:
@@ -128,7 +128,7 @@ class TimelineBuilder:
         """The rest, at the end of the recording."""
         for do_id, text in self._missing():
             self._put(Event(self._last_ns, do_id, "missing", text))
-        return self._release(None)
+        return self.release()
 
     def _missing(self) -> Iterator[tuple[int, str]]:
         """Missing data by DO-ID (0: of all)."""
@@ -143,7 +143,8 @@ class TimelineBuilder:
         self._count += 1
         heapq.heappush(self._heap, (entry.time_ns, self._count, entry))
 
-    def _release(self, until: int | None) -> Sequence[Entry | Record]:
+    def release(self, until: int | None = None) -> Sequence[Entry | Record]:
+        """The entries until a time, complete or not; None: all, where the recording is damaged."""
         heap = self._heap
         released = []
         while heap and (until is None or heap[0][0] <= until):

@@ -141,10 +141,9 @@ class ObjectFollower:
 
     # -- what the gateway decided ---------------------------------------------------------------------------------------
 
-    def step(self, now: int, step: Step, traced: TracedObject, reasons: tuple[str, ...]) -> None:
-        """A recorded step. ``reasons``: their names, code 1 is the first."""
-        code = step.decided[traced.groups["decided"].index("reason")]
-        reason = Reason.__members__.get(reasons[code - 1]) if code else None
+    def step(self, now: int, step: Step, traced: TracedObject, name: Callable[[int], str]) -> None:
+        """A recorded step. ``name``: of a recorded reason."""
+        reason = Reason.__members__.get(name(step.decided[traced.groups["decided"].index("reason")]))
         stops = traced.place("flags", "gateway_stops")
         if stops is not None and step.flags[stops] and reason is Reason.PLC_LOST:
             reason = Reason.GATEWAY_STOPS
