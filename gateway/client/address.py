@@ -10,12 +10,14 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
 
 _ADDRESS = re.compile(
-    r"""(?:[Pp](?:NU)?)?(?P<number>0[xX][0-9a-fA-F]+|[0-9a-fA-F]+[hH]|[0-9]+)
-        (?:[./](?P<sub>[0-9]+)(?:-(?P<last>[0-9]+))?
-          |\[(?P<sub2>[0-9]+)(?:(?:\.\.|-)(?P<last2>[0-9]+))?\])?""",
+    r"""(?:[Pp](?:NU)?)?(?P<number>0[xX][0-9a-fA-F]{1,16}|[0-9a-fA-F]{1,16}[hH]|[0-9]{1,20})
+        (?:[./](?P<sub>[0-9]{1,20})(?:-(?P<last>[0-9]{1,20}))?
+          |\[(?P<sub2>[0-9]{1,20})(?:(?:\.\.|-)(?P<last2>[0-9]{1,20}))?\])?""",
     re.VERBOSE,
 )
 _INTEGER = re.compile(r"(-?)(?:0[xX]([0-9a-fA-F]{1,16})|([0-9a-fA-F]{1,16})[hH]|([0-9]{1,20}))")
+_SHOWN = 40
+"""Characters of a wrong text."""
 _EXAMPLES = "P922, 965, 6041h, 0x1018.3, 1018h.1-4 or P947[0..7]"
 
 
@@ -41,7 +43,7 @@ def parse_target(text: str) -> Target:
     """``P922``, ``965``, ``6041h``, ``0x1018.3``, ``1018h.1-4``, ``P947[0..7]``; GatewayError for anything else."""
     match = _ADDRESS.fullmatch(text.strip())
     if match is None:
-        raise GatewayError(f"parameter {text!r}: not understood, expected for example {_EXAMPLES}")
+        raise GatewayError(f"parameter {text[:_SHOWN]!r}: not understood, expected for example {_EXAMPLES}")
     pnu = parse_integer(match["number"])
     sub, last = match["sub"] or match["sub2"], match["last"] or match["last2"]
     target = Target(pnu, int(sub) if sub else None, int(last) if last else None)

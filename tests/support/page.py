@@ -156,7 +156,9 @@ def in_background(watch: Watch, parameters: Parameters, capture: Capture, token:
 
 
 @contextmanager
-def page(config: GatewayConfig, gateway: ShownGateway, token: str | None = None, port: int = 0) -> Iterator[Page]:
+def page(
+    config: GatewayConfig, gateway: ShownGateway, token: Token | str | None = None, port: int = 0
+) -> Iterator[Page]:
     """The page of a gateway on loopback, served by a thread; ``port`` 0: a free one."""
     web = WebConfig(listen=f"127.0.0.1:{port}", hosts=config.web.hosts)
     watch = Watch(config.model_copy(update={"web": web}), gateway)
@@ -164,7 +166,7 @@ def page(config: GatewayConfig, gateway: ShownGateway, token: str | None = None,
     parameters = ShownParameters()
     with (
         patch.object(feed, "ANSWER_WITHIN_S", PATIENCE_S),  # a busy machine makes no answer an old one
-        in_background(watch, parameters, captured, None if token is None else Token(token)) as served,
+        in_background(watch, parameters, captured, Token(token) if isinstance(token, str) else token) as served,
     ):
         yield Page(served, watch, parameters)
 

@@ -56,7 +56,14 @@ def test_addresses_as_users_write_them(text: str, target: Target) -> None:
     assert parse_target(text) == target
 
 
-@pytest.mark.parametrize("text", ["", "abc", "P", "0", "65536", "P947[7..0]", "P1.2.3", "6041h.65535", "-5"])
+LONG = [
+    form.format("9" * digits)
+    for form in ("{}", "P{}", "{}h", "0x{}", "1018h.{}", "P947[0..{}]")
+    for digits in (21, 5000)
+]
+
+
+@pytest.mark.parametrize("text", ["", "abc", "P", "0", "65536", "P947[7..0]", "P1.2.3", "6041h.65535", "-5", *LONG])
 def test_invalid_addresses_are_reported(text: str) -> None:
     with pytest.raises(GatewayError, match="expected"):
         parse_target(text)

@@ -111,6 +111,29 @@ def test_the_token_opens_as_header_and_as_the_cookie_it_is_exchanged_for() -> No
     assert Asked("another token of enough characters").status(cookie=pair) == 401, "a new token ends all sessions"
 
 
+def test_changed_token_file_ends_all_sessions(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file = tmp_path / "token"
+    file.write_text(TOKEN)
+    token = Token.of(file)
+    cookie = Headers({"cookie": f"{COOKIE}={token.session}"})
+    assert not token.refresh()
+    assert token.shown(cookie)
+    file.write_text("another token of enough characters")
+    assert token.refresh()
+    assert not token.shown(cookie)
+    assert token.opens("Bearer another token of enough characters")
+    file.write_text("short")
+    assert token.refresh()
+    assert not token.opens("Bearer another token of enough characters")
+    assert not token.opens("Bearer short")
+    assert "expected 16 to 4096 printable ASCII characters" in caplog.text
+    file.unlink()
+    assert token.refresh()
+    file.write_text(TOKEN)
+    assert token.refresh()
+    assert token.shown(cookie)
+
+
 def test_the_cookie_of_an_encrypted_page_stays_on_encrypted_pages() -> None:
     answer = Asked(TOKEN, secure=True)(LOGIN_PATH, authorization=f"Bearer {TOKEN}")
     assert answer is not None

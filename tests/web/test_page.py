@@ -24,7 +24,7 @@ from pdgw.tools.decoder.capture.pcap import read_capture
 from pdgw.tools.decoder.frames.records import LinkType
 from pdgw.tools.output.status_text import status_lines
 from pdgw.tools.web.app import READS_PER_S, Allowance
-from pdgw.tools.web.server.guard import HEADERS
+from pdgw.tools.web.server.guard import HEADERS, Token
 from pdgw.tools.web.server.server import CONNECTIONS_MAX
 from pdgw.tools.web.status.events import KEPT
 from pdgw.tools.web.status.events import EventLog as Lines
@@ -152,7 +152,7 @@ def test_every_answer_has_the_headers_that_keep_the_page_to_itself(still: Page) 
     [
         ("/nowhere", 404, "path", "Not Found"),
         ("/api/v1/objects/9/faults", 404, "do_id", "allowed: 1, 2"),
-        ("/api/v1/objects/x/faults", 404, "path", "Not Found"),
+        ("/api/v1/objects/x/faults", 400, "do_id", "whole number"),
         ("/api/v1/telegrams/77", 404, "number", "telegram"),
         ("/api/v1/objects/1/trace?seconds=0", 400, "seconds", "1 to 600"),
         ("/api/v1/objects/1/trace?seconds=1e3", 400, "seconds", "whole number"),
@@ -230,6 +230,14 @@ def test_invalid_parameter_is_reported(still: Page) -> None:
     until(answered, "a read")
     assert answers[-1].status == 400
     assert json.loads(answers[-1].read()) == {"error": "parameter 'P9': only P922 here", "field": "pnu"}
+
+
+@pytest.mark.parametrize("path", ["objects/{}/faults", "telegrams/{}", "objects/1/trace?seconds={}", "events?trace={}"])
+def test_number_of_any_length_is_reported(still: Page, path: str) -> None:
+    for digits in (16, 21, 5000):
+        answer = still.get("/api/v1/" + path.format("9" * digits))
+        assert answer.status in (400, 404)
+        assert "expected" in (text := json.loads(answer.read())["error"]) or "allowed" in text
 
 
 @pytest.mark.parametrize("key", ["uptime_s", "counters", "buses"])
@@ -398,16 +406,21 @@ def test_invalid_requests_are_rejected_and_the_page_continues(still: Page, data:
     assert still.get("/healthz").status == 200
 
 
-def test_with_a_token_streams_take_the_cookie() -> None:
+def test_streams_take_the_cookie_until_the_token_changes(tmp_path: Path) -> None:
     gateway = ShownGateway()
     with running(configuration(axis(1))) as daemon:
         gateway.show(daemon)
-        with page(daemon.config, gateway, TOKEN) as served:
+        file = tmp_path / "token"
+        file.write_text(TOKEN)
+        with page(daemon.config, gateway, Token.of(file)) as served:
             assert served.get("/api/v1/events").status == 401
             answer = served.get("/api/v1/login", authorization=f"Bearer {TOKEN}")
             cookie = answer.headers["set-cookie"].partition(";")[0]
-            with stream(served, cookie=cookie) as messages:
-                next(messages)
+            opened = served.get("/api/v1/events", cookie=cookie)
+            events_of(opened, 1)
+            file.write_text("another token of enough characters")
+            until(lambda: not opened.readline(), "the end of the stream")
+            assert served.get("/api/v1/status", cookie=cookie).status == 401
 
 
 # -- trends --------------------------------------------------------------------------------------------------------------

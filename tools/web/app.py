@@ -30,7 +30,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.web.metrics import CONTENT_TYPE, exposition
 from pdgw.tools.web.parameters import states_document, telegram_document
-from pdgw.tools.web.server.guard import Guard, LargeAnswers, Token, allowed_hosts, read_token, refusal
+from pdgw.tools.web.server.guard import Guard, LargeAnswers, Token, allowed_hosts, refusal
 from pdgw.tools.web.server.server import PageServer, Places, listen, made_server
 from pdgw.tools.web.status.watch import StatusPort, Watch, log
 from pdgw.tools.web.stream import EventStream, Streams
@@ -92,13 +92,13 @@ class Interface:
     @property
     def routes(self) -> Sequence[BaseRoute]:
         """The routes of the page."""
-        do = "/api/v1/objects/{do_id:int}"
+        do = "/api/v1/objects/{do_id}"
         return (
             Route("/", self._page),
             Route("/api/v1/status", self._status),
             Route("/api/v1/events", self._events),
             Route("/api/v1/states", self._states),
-            Route("/api/v1/telegrams/{number:int}", self._telegram),
+            Route("/api/v1/telegrams/{number}", self._telegram),
             Route("/api/v1/explain", self._explain),
             Route(f"{do}/explain", self._explain),
             Route(f"{do}/faults", self._faults),
@@ -138,7 +138,7 @@ class Interface:
 
     async def _telegram(self, request: Request) -> Response:
         try:
-            return JSONResponse(telegram_document(request.path_params["number"]))
+            return JSONResponse(telegram_document(_integer("number", request.path_params["number"])))
         except ProfidriveError as error:
             raise RequestError("number", str(error), 404) from error
 
@@ -194,7 +194,7 @@ class Interface:
             yield
 
     def _do_id(self, request: Request) -> int:
-        return self._known("do_id", request.path_params["do_id"])
+        return self._known("do_id", _integer("do_id", request.path_params["do_id"]))
 
     def _known(self, field: str, do_id: int) -> int:
         known = [item.do_id for item in self._watch.config.objects]
@@ -258,6 +258,12 @@ def made_page(watch: Watch, parameters: Parameters, capture: Capture, token: Tok
     interface = Interface(watch, parameters, capture, places)
     web = watch.config.web
 
+    def check_token() -> None:
+        if token is not None and token.refresh():
+            interface.streams.close()
+
+    watch.feed.listeners.append(check_token)
+
     @contextlib.asynccontextmanager
     async def watching(_: Starlette) -> AsyncIterator[None]:
         task = asyncio.create_task(watch.feed.run())
@@ -285,7 +291,7 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
     if not status_port:
         raise GatewayError("[transport] status_port = 0: the page needs the status port; set another port")
     web = config.web
-    token = None if web.token_file is None else Token(read_token(web.token_file))
+    token = None if web.token_file is None else Token.of(web.token_file)
     watch = Watch(config, StatusPort(status_port))
     publisher = None
     if config.mqtt is not None:

@@ -11,10 +11,13 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import hmac
+import logging
+import secrets
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
+from typing import Self
 
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
@@ -25,6 +28,8 @@ from pdgw.base.files import read_file
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.tools.web.server.server import Places, sender
+
+log = logging.getLogger("gateway")
 
 AT_ONCE = 3
 PART = 64 * 1024
@@ -101,6 +106,15 @@ def read_token(path: Path) -> str:
     return token
 
 
+def _version(file: Path | None) -> tuple[int, ...]:
+    """Another one for another content of a file; empty without one."""
+    try:
+        found = None if file is None else file.stat()
+    except OSError:
+        found = None
+    return () if found is None else (found.st_mtime_ns, found.st_ino, found.st_size)
+
+
 def allowed_hosts(config: WebConfig) -> frozenset[str]:
     """The names a request may have in its Host header, lower case and without port."""
     host = config.address[0]
@@ -137,12 +151,38 @@ class Failures:
 
 
 class Token:
-    """The secret, compared in constant time; what is kept of it and handed out cannot be turned back into it."""
+    """The secret of a ``file``, compared in constant time; what is kept of it and handed out cannot be turned back into it."""
 
-    def __init__(self, token: str) -> None:
+    def __init__(self, token: str, file: Path | None = None) -> None:
+        self._file = file
+        self._read = _version(file)
+        self._set(token)
+
+    @classmethod
+    def of(cls, file: Path) -> Self:
+        """That of a file; GatewayError when it has none."""
+        return cls(read_token(file), file)
+
+    def _set(self, token: str) -> None:
         self._digest = hashlib.sha256(token.encode()).digest()
         self.session = hmac.new(token.encode(), b"session of pdgw web", hashlib.sha256).hexdigest()
         """The value of the cookie. It is derived from the token: another token ends all sessions."""
+
+    def refresh(self) -> bool:
+        """Read the file again if it has changed; True: all sessions have ended. Without a token in it nothing opens the page."""
+        version = _version(self._file)
+        if self._file is None or version == self._read:
+            return False
+        self._read, before = version, self.session
+        try:
+            self._set(read_token(self._file))
+        except GatewayError as error:
+            log.error("%s; until then the page is locked", error)
+            self._set(secrets.token_hex())
+        if self.session == before:
+            return False
+        log.info("token_file %s has changed: all sessions have ended", self._file)
+        return True
 
     def opens(self, authorization: str) -> bool:
         """An ``Authorization: Bearer`` header with the token."""
