@@ -407,6 +407,8 @@ class StatusServer:
         self._daemon = daemon
         self._loop = daemon.loop
         self._tasks: set[Task] = set()
+        self._silent: list[Task] = []
+        """Those without a request yet, the oldest first."""
         self._pause: Timer | None = None
         self._full = False
         self._refused = 0
@@ -438,12 +440,18 @@ class StatusServer:
         self._full = False
         connection.setblocking(False)
         if len(self._tasks) >= _CONNECTIONS:
-            connection.close()
-            return
+            if not self._silent:
+                connection.close()
+                return
+            self._silent.pop(0).kill()
 
         def answer() -> None:
             try:
-                self._answer(connection)
+                request = self._request(connection, self._loop.now() + _PATIENCE_NS)
+                if task in self._silent:
+                    self._silent.remove(task)
+                if request is not None:
+                    self._answer(connection, request)
             finally:
                 self._loop.remove_writer(connection.fileno())
                 connection.close()
@@ -451,6 +459,7 @@ class StatusServer:
 
         task = self._loop.spawn(answer, "status")
         self._tasks.add(task)
+        self._silent.append(task)
 
     def _wait_for_descriptors(self, error: OSError) -> None:
         """Stop reading the port: waiting clients would wake the loop in every turn without result."""
@@ -461,11 +470,8 @@ class StatusServer:
         self._loop.remove_reader(self._listener.fileno())
         self._pause = self._loop.call_later(_PAUSE_NS, self.start)
 
-    def _answer(self, connection: socket.socket) -> None:
+    def _answer(self, connection: socket.socket, request: bytes) -> None:
         deadline = self._loop.now() + _PATIENCE_NS
-        request = self._request(connection, deadline)
-        if request is None:
-            return
         writable = Event(self._loop)
         for part in answered(self._daemon, request):
             rest = memoryview(part)

@@ -6,7 +6,7 @@ import errno
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -105,6 +105,30 @@ def test_who_waited_is_answered_when_there_are_descriptors_again(
         assert b"allowed" in client.recv(1000)
         assert listener.asked == 4
         assert len(caplog.records) == 1, "reported once while it is present"
+        server.stop()
+
+
+# -- connections without a request: the oldest ends for another one ------------------------------------------------
+
+
+def test_silent_connections_leave_the_port_to_who_asks(loop: SystemLoop) -> None:
+    server = StatusServer(cast(Daemon, SimpleNamespace(loop=loop)), 0)
+    address = server._listener.getsockname()
+    server.start()
+    with ExitStack() as opened:
+        silent = [opened.enter_context(socket.create_connection(address)) for _ in range(8)]
+        asking = opened.enter_context(socket.create_connection(address))
+        asking.sendall(b"nonsense\n")
+        loop.add_reader(asking.fileno(), loop.stop)
+        loop.run()
+        loop.remove_reader(asking.fileno())
+        assert b"allowed" in asking.recv(1000)
+        silent[0].settimeout(0)
+        assert silent[0].recv(1) == b"", "the oldest has ended"
+        for other in silent[1:]:
+            other.settimeout(0)
+            with pytest.raises(BlockingIOError):
+                other.recv(1)
         server.stop()
 
 
