@@ -315,7 +315,11 @@ OWN_NUMBERS: Final = range(999, 0x8000)
 
 
 def telegram(number: int) -> Telegram:
-    """The telegram with this number; ProfidriveError lists the known ones."""
+    """The telegram with this number; ProfidriveError lists the known ones.
+
+    >>> telegram(1).setpoints.encode((0x047F, 0x2000)).hex(" ")
+    '04 7f 20 00'
+    """
     try:
         return TELEGRAMS[number]
     except KeyError:

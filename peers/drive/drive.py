@@ -210,11 +210,12 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
         return self.model.turned(self.loop.now()) / INCREMENTS_PER_REVOLUTION
 
     def inject(self, fault: int | str) -> None:
-        """Raise a fault by number or name; see ``DriveModel.inject``."""
-        self.do(lambda node: node.model.inject(fault))
+        """Raise a fault by number or name, see ``DriveModel.inject``, or start a habit."""
+        self.raise_fault(fault, lambda node: node.model.inject(fault))
 
     def clear(self) -> None:
-        """Remove the causes of all faults."""
+        """Remove the causes of all faults, and end the habits."""
+        self.do(lambda node: node.end_fault())
         self.do(lambda node: node.model.clear())
 
     def set_probe(self, probe: int, on: bool) -> None:

@@ -112,11 +112,12 @@ class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
         return self.node.model
 
     def inject(self, fault: int | str) -> None:
-        """Raise a fault by name; see ``EncoderModel.inject``."""
-        self.do(lambda node: node.model.inject(fault))
+        """Raise a fault by name, see ``EncoderModel.inject``, or start a habit."""
+        self.raise_fault(fault, lambda node: node.model.inject(fault))
 
     def clear(self, fault: str | None = None) -> None:
-        """Remove one cause or all; see ``EncoderModel.clear``."""
+        """Remove one cause or all, and end its habit; see ``EncoderModel.clear``."""
+        self.do(lambda node: node.end_fault(fault))
         self.do(lambda node: node.model.clear(fault))
 
     def set_motion(self, motion: Motion, channel: int = 1) -> None:

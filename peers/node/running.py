@@ -16,9 +16,12 @@ from typing import Generic, Self, TypeVar
 
 import can
 
+from pdgw.base.phrases import did_you_mean
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, open_port
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.loop import Loop, SystemLoop, Timer
+from pdgw.peers.node.behaviour import parse
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 
 log = logging.getLogger("peers")
@@ -108,6 +111,20 @@ class RunningNode(Generic[N]):
             self._plan()
 
         self._call(act)
+
+    def raise_fault(self, fault: int | str, raises: Callable[[N], object]) -> None:
+        """Start a habit (``"slow-sdo delay_ms=100"``), else do ``raises``, which knows the faults of the device itself."""
+        if isinstance(fault, str) and fault.split()[:1] and fault.split()[0] in self.node.catalogue:
+            name, values = parse(fault)
+            self.do(lambda node: node.start_fault(name, **values))
+            return
+        try:
+            self.do(raises)
+        except CanopenError as error:
+            names = ", ".join(self.node.catalogue)
+            raise CanopenError(
+                "fault", fault, f"{error.allowed}; {names}{did_you_mean(str(fault), self.node.catalogue)}"
+            ) from None
 
     def _call(self, action: Callable[[], None]) -> None:
         if self._shared is None:

@@ -184,8 +184,13 @@ def _speed_setpoint(chosen: Telegram) -> str:
 
 
 def speed(chosen: Telegram, value: Scalar) -> Program:
-    """The speed setpoint."""
-    return [Set({_speed_setpoint(chosen): value})]
+    """The speed setpoint. A plain number would be a raw value, and is an error."""
+    name, text = _speed_setpoint(chosen), str(value).strip()
+    if text.isascii() and text.removeprefix("-").replace(".", "", 1).isdigit() and float(text):
+        raise GatewayError(
+            f'speed = {text}: the unit is missing: "{text} rpm" or "{text} %"; raw values: set: {{{name}: {text}}}'
+        )
+    return [Set({name: value})]
 
 
 def follow(chosen: Telegram, wish: Follow) -> Program:
@@ -395,7 +400,7 @@ def home(chosen: Telegram, wish: Home) -> Program:
 next_block = _positioner(
     lambda *_: [Set({"STW1.EXTERNAL_BLOCK_CHANGE": 1}), _PULSE_NS, Set({"STW1.EXTERNAL_BLOCK_CHANGE": 0})]
 )
-home_end = _bit("STW1.START_HOMING")
+stop_homing = _bit("STW1.START_HOMING")
 reject = _bit("STW1.DO_NOT_REJECT")
 intermediate_stop = _bit("STW1.NO_INTERMEDIATE_STOP")
 resume = _bit("STW1.NO_INTERMEDIATE_STOP", 1)

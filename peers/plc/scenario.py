@@ -77,8 +77,8 @@ class Step(Model):
     jog_distance: Annotated[Literal[1, 2] | None, actions.jog_distance, Field(examples=[1])] = None
     """incremental jog 1 or 2"""
     home: Annotated[Home | None, actions.home, Field(examples=[{}, {"passive": True}])] = None
-    """homing; STW1.11 stays 1 until ``home_end``"""
-    home_end: Annotated[_Flag, actions.home_end] = None
+    """homing; STW1.11 stays 1 until ``stop_homing``"""
+    stop_homing: Annotated[_Flag, actions.stop_homing] = None
     """end of a homing, also of a waiting passive one"""
     set_reference: Annotated[_Flag, actions.set_reference] = None
     """set the reference point at the current position"""

@@ -23,7 +23,7 @@ from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange import plc
 from pdgw.peers.plc.notation import find
 from pdgw.peers.plc.scenario_file import scenario_of
-from pdgw.peers.world.world import World
+from pdgw.peers.world.world import GATEWAY, World
 from pdgw.profidrive.telegrams import telegram
 
 
@@ -31,20 +31,42 @@ class SimulatedDevice(Protocol):
     """A simulated drive or encoder."""
 
     def inject(self, fault: int | str) -> None:
-        """Raise a fault by its name; those of a drive have the numbers 1-12, too. Its cause stays until ``clear``.
+        """Raise a fault by its name (of a drive also its number, 1-12), or start a habit as ``simulate`` has it.
 
-        CanopenError or Dsp406Error with the faults of the device for another one.
+        ``inject("motor feedback")``, ``inject(5)``, ``inject("deaf")``, ``inject("slow-sdo delay_ms=100")``. The cause stays
+        until ``clear``. CanopenError with all names for another one.
         """
 
     def clear(self) -> None:
-        """Remove the causes of all faults, so that a fault reset is accepted."""
+        """Remove the causes of all faults, so that a fault reset is accepted, and end the habits."""
 
 
 class Gateway:
     """``with Gateway(config) as gateway``: runs until the end of the block, in virtual time.
 
     ``config``: a configuration, or the path of its file; GatewayError if the file is wrong. ``world`` and ``daemon`` exist before
-    the block, so that a test can add devices that the configuration does not simulate.
+    the block, so that a test can add devices that the configuration does not simulate: ``world.drive("can0", 1)``. While no
+    bus has a device, ``plc`` raises GatewayError.
+
+    >>> import pdgw
+    >>> config = pdgw.parse_config('''
+    ... [can]
+    ... interface = "virtual"
+    ... channel = "bus"
+    ... [[axis]]
+    ... do_id = 1
+    ... node_id = 1
+    ... telegram = 1
+    ... simulate = true
+    ... ''')
+    >>> with pdgw.Gateway(config) as gateway:
+    ...     gateway.plc.run(3, on=True, speed="1500 rpm")
+    ...     gateway.plc.actual("ZSW1.OPERATION_ENABLED"), round(gateway.plc.actual("NIST_A") / 0x4000, 2)
+    ...     gateway.device(1).inject("motor feedback")
+    ...     gateway.plc.exchange(0.1)
+    ...     gateway.plc.actual("ZSW1.FAULT"), gateway.sentence(1).split(",")[0]
+    (1, 0.5)
+    (1, 'Fault: EMCY 7305h motor feedback')
     """
 
     def __init__(self, config: GatewayConfig | Path | str, seed: int | str = 0) -> None:
@@ -112,6 +134,7 @@ class Plc(plc.Plc):
         telegrams = [telegram(item.telegram) for item in gateway.config.objects]
         super().__init__(world.loop, world.network.open("plc", 0, "PLC"), gateway.address, telegrams, gateway.cycle_ns)
         self._objects = gateway.config.objects
+        self._buses = [world.bus(str(bus.channel)) for bus in gateway.config.can]
 
     def exchange(self, seconds: float, do_id: int | None = None, **setpoints: int) -> None:
         """Send one frame per cycle for this number of seconds. ``setpoints`` change first, as raw values by name.
@@ -151,7 +174,7 @@ class Plc(plc.Plc):
             raise AssertionError("; ".join(failed))
 
     def actual(self, name: str, do_id: int | None = None) -> int:
-        """A raw actual value, or a bit of one (``"ZSW1.FAULT_PRESENT"``).
+        """A raw actual value, or a bit of one (``"ZSW1.FAULT"``).
 
         GatewayError while the values are invalid, for a signal that the telegram lacks and for an unknown DO-ID.
         """
@@ -163,4 +186,8 @@ class Plc(plc.Plc):
         return word.of(values)
 
     def _index(self, do_id: int | None) -> int:
+        if not any(member.name != GATEWAY for bus in self._buses for member in bus.members):
+            raise GatewayError(
+                "no bus has a device: set simulate = true in [[axis]] or [[encoder]], or add devices to gateway.world"
+            )
         return place_of(do_id, self._objects, NOT_CONFIGURED)

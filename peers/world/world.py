@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections import deque
 from random import Random
-from typing import Any
+from typing import Any, Final
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import CanopenError
@@ -21,6 +21,9 @@ from pdgw.peers.simulation.config import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world.can_bus import PLACES, Member, SimulatedCan
 from pdgw.peers.world.udp import SimulatedNetwork, SimulatedUdpPort
+
+GATEWAY: Final = "gateway"
+"""Name of the gateway's member on a bus."""
 
 
 class World:
@@ -95,7 +98,7 @@ class World:
         channel = str(config.channel)
         if channel in self._unplugged:
             raise CanopenError("CAN interface", channel, "one that is plugged in")
-        port = self._gateways[channel] = self.bus(channel, config.bitrate).join("gateway", self.gateway_places)
+        port = self._gateways[channel] = self.bus(channel, config.bitrate).join(GATEWAY, self.gateway_places)
         return port
 
     def open_udp(self, listen: str, port: int, purpose: str) -> SimulatedUdpPort:

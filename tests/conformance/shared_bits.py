@@ -199,7 +199,7 @@ def _positioner(number: int) -> Iterator[Case]:
         *_ENABLE,
         {"home": {}},
         see(ZSW1__HOME_POSITION_SET=1, ZSW1__DRIVE_STOPPED=1, ZSW1__WITHIN_TOLERANCE=1),
-        {"home_end": True},
+        {"stop_homing": True},
         {"hold": "150 ms"},
     )
     stopped = see(ZSW1__DRIVE_STOPPED=1)
@@ -244,7 +244,7 @@ def _target(number: int) -> Iterator[Case]:
     home: tuple[Step, ...] = (
         {"home": {}},
         see(ZSW1__HOME_POSITION_SET=1),
-        {"home_end": True},
+        {"stop_homing": True},
         {"hold": "150 ms"},
     )
     limits = {"set": {"POS_STW2.SOFTWARE_LIMITS": 1} if number == 111 else {"OVERRIDE": "100 %"}}

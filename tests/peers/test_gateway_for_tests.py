@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import doctest
+import importlib
 from pathlib import Path
 
 import pytest
 
 import pdgw
 from pdgw.gateway.configuration.file import config_text
-from tests.support.gateways.daemon import axis, configuration
+from tests.support.gateways.daemon import axis, configuration, drive_of
 
 pytest_plugins = "pdgw.pytest_plugin"
 
@@ -76,6 +78,45 @@ def test_errors_name_what_is_allowed(gateway: pdgw.Gateway, plc: pdgw.Plc) -> No
     ):
         with pytest.raises(pdgw.CanopenError, match=known):
             gateway.device(device).inject(wrong_fault)
+
+
+def test_habit_is_injected_by_its_name_and_cleared(gateway: pdgw.Gateway, plc: pdgw.Plc) -> None:
+    plc.run(3, 7, on=True)
+    gateway.device(7).inject("deaf")
+    plc.exchange(0.1)
+    gateway.device(7).inject("slow-sdo delay_ms=20")
+    node = drive_of(gateway.daemon, 7).node
+    assert node.faults == ["deaf", "slow-sdo"]
+    gateway.device(7).clear()
+    assert node.faults == []
+    for device, wrong, known in (
+        (7, "deff", r"12 CANopen; .*deaf.*did you mean deaf\?"),
+        (9, "light speed=2", "no parameter"),
+    ):
+        with pytest.raises(pdgw.CanopenError, match=known):
+            gateway.device(device).inject(wrong)
+
+
+@pytest.mark.parametrize("value", [1500, -3.5, "1500", "-20"])
+def test_speed_without_a_unit_is_an_error_that_names_units(plc: pdgw.Plc, value: object) -> None:
+    with pytest.raises(pdgw.GatewayError, match=rf'speed = {value}: the unit is missing: "{value} rpm" or "{value} %"'):
+        plc.run(1, speed=value)
+    plc.run(1, speed=0)
+
+
+def test_gateway_without_devices_names_the_key() -> None:
+    with pdgw.Gateway(configuration(axis(1, more=""))) as gateway:
+        with pytest.raises(pdgw.GatewayError, match=r"no bus has a device: set simulate = true"):
+            gateway.plc.run(1, on=True)
+        gateway.world.drive("world", 1)
+        gateway.plc.run(10, on=True)
+
+
+@pytest.mark.parametrize("module", ["pdgw.peers.world.gateway", "pdgw.profidrive.telegrams"])
+def test_examples_in_docstrings_are_true(module: str) -> None:
+    found = doctest.testmod(importlib.import_module(module), optionflags=doctest.ELLIPSIS)
+    assert found.attempted
+    assert not found.failed
 
 
 def test_gateway_takes_the_path_of_its_configuration(tmp_path: Path) -> None:

@@ -229,7 +229,7 @@ class LateGateway(PlcRunner):
 @pytest.mark.parametrize("answers", [5, 0])
 def test_scenario_that_waits_for_nothing_lasts_until_the_first_answer(answers: int) -> None:
     plc = PlcEndpoint([telegram(1)], MS)
-    engine = Engine(Scenario(within="3 s" if answers else "1 ms", steps=[{"speed": 500}]), plc)  # type: ignore[list-item]
+    engine = Engine(Scenario(within="3 s" if answers else "1 ms", steps=[{"set": {"NSOLL_A": 500}}]), plc)  # type: ignore[list-item]
     LateGateway(plc, answers).run(engine)
     assert engine.finished
     assert plc.counters["received"] == bool(answers)
@@ -256,7 +256,7 @@ def test_a_speed_no_telegram_can_carry_is_refused(value: str) -> None:
     ],
 )
 def test_values_in_every_notation(text: str, raw: int) -> None:
-    _, sent = run_plc({"steps": [{"speed": text}]}, [{}])
+    _, sent = run_plc({"steps": [{"set": {"NSOLL_A": text}}]}, [{}])
     assert sent[-1]["NSOLL_A"] == raw
 
 
@@ -419,7 +419,8 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
         ("steps: [{set: {STW1.FOO: 1}}]", ["bit of STW1", "FOO"]),
         ("steps: [{set: {STW1.ON: 2}}]", ["STW1.ON = 2", "0..1"]),
         ("steps: [{speed: fast}]", ["NSOLL_A = 'fast'", "1500 rpm"]),
-        ("steps: [{speed: 40000}]", ["NSOLL_A", "-32768..32767"]),
+        ("steps: [{set: {NSOLL_A: 40000}}]", ["NSOLL_A", "-32768..32767"]),
+        ("steps: [{speed: 40000}]", ["step 1 (speed)", "the unit is missing"]),
         ("steps: [{move: {to: 1}}]", ["step 1 (move)", "not in the telegram"]),
         ("steps: [{hold: soon}]", ["time 'soon'"]),
         ("telegrams: [113]\nsteps: [{off1: true}]", ["telegram", "113"]),

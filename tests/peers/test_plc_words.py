@@ -146,7 +146,7 @@ def test_tracking_fixed_stop_and_limits_are_seen_by_the_positioner() -> None:
         {"tracking": 0},
         {"home": {"passive": True}},
         {"expect": {"POS_ZSW1.PASSIVE_HOMING": 1}},
-        {"home_end": True},
+        {"stop_homing": True},
         {"expect": {"POS_ZSW1.PASSIVE_HOMING": 0}},
         {"set_reference": True},
         {"software_limits": 1},
