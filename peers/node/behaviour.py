@@ -8,6 +8,7 @@ its own.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -86,7 +87,10 @@ def make(known: Catalogue, name: str, values: Mapping[str, object]) -> Behaviour
     """Create a behaviour of the catalogue with these parameters. CanopenError names an unknown name or a value out of range."""
     kind = known.get(name)
     if kind is None:
-        raise CanopenError("fault", name, f"one of {', '.join(known)}")
+        nearest = get_close_matches(name, known, 6, 0.5)
+        raise CanopenError(
+            "fault", name, f"one of {', '.join(nearest or known)}{', see docs/simulation.md' * bool(nearest)}"
+        )
     allowed = kind.habit.parameters
     chosen: dict[str, object] = {key: item.default for key, item in allowed.items()}
     for key, value in values.items():

@@ -233,6 +233,8 @@ def _device(kind: str, item: AxisConfig | EncoderConfig, **options: object) -> D
     habits = item.simulate if isinstance(item.simulate, tuple) else ()
     try:
         faults = [{"name": name, **values} for name, values in map(parse, habits)]
+        for name, values in map(parse, habits):
+            make(DEVICE_TYPES[kind].node.catalogue, name, values)
         keys = {"type": kind, "node_id": item.node_id, "serial_number": item.do_id, "fault": faults, **options}
         return DeviceConfig.model_validate(keys)
     except CanopenError as error:

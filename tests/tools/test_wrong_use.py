@@ -20,6 +20,7 @@ from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.ports import bound, refusal
 from pdgw.gateway.configuration.file import config_text, simulated
 from pdgw.tools.cli import main
+from pdgw.tools.commands.commissioning.config import check
 from pdgw.tools.options import end_as_by_ctrl_c
 from pdgw.tools.service import run_log
 from pdgw.tools.service.log_format import LogFormat, LogLevel
@@ -185,6 +186,27 @@ def test_process_that_has_a_port_is_named(backlog: int) -> None:
 def test_refused_port_that_no_process_has_shows_the_error_of_the_system() -> None:
     assert refusal(OSError(errno.EACCES, "Permission denied"), 1) == "Permission denied"
     assert refusal(OSError(errno.EADDRINUSE, "Address already in use"), 0) == "Address already in use"
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        (
+            'simulate = ["brake-open"]',
+            "[[axis]] do_id = 1: fault: 'brake-open' is not allowed, expected one of brake-opens, brake-closes,",
+        ),
+        ('simulate = ["slow-sdo delay=3"]', "fault slow-sdo parameter: 'delay' is not allowed, expected delay_ms"),
+        ('simulate = ["slow-sdo delay_ms=-3"]', "fault slow-sdo delay_ms: -3 is not allowed"),
+    ],
+)
+def test_config_check_names_a_habit_that_does_not_exist(key: str, text: str, tmp_path: Path) -> None:
+    file = tmp_path / "g.toml"
+    file.write_text(
+        f'[can]\ninterface = "virtual"\nchannel = "x"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n{key}\n'
+    )
+    with pytest.raises(GatewayError) as error:
+        check(file)
+    assert text in str(error.value)
 
 
 def test_config_example_and_check(tmp_path: Path) -> None:

@@ -46,8 +46,11 @@ def check(
     from pdgw.gateway.configuration.check import references_wrong
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.service.operating_system import NEEDED_BELOW_MS
+    from pdgw.peers.simulation.config import simulated_devices
 
     config = load_config(file)
+    for can in config.can:
+        simulated_devices(config, can)
     wrong = references_wrong(config, file)
     if wrong:
         raise GatewayError("\n".join(wrong))
