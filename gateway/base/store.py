@@ -13,11 +13,13 @@ Units of an axis that a person has confirmed: written by ``pdgw axis test``, sho
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import threading
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,6 +30,13 @@ from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.dsp402.drive_type import Scaling
 from pdgw.gateway.base.errors import GatewayError, at_most, problem
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+_DIGITS = 8
+"""Of the path of a configuration in the name of its store."""
 _STORE_MAX = 16 << 20
 """Bytes; the values of an axis take some kilobytes."""
 FORMAT_VERSION = 1
@@ -138,9 +147,73 @@ def state_directory() -> Path | None:
 
 
 def default_store(config: Path) -> Path | None:
-    """The store of a configuration file that names none, by the file's name."""
-    directory = state_directory()
-    return directory / f"{config.stem}.json" if directory is not None else None
+    """The store of a configuration file that names none: by its name, and 8 digits of its whole path."""
+    directory, whole = state_directory(), config.resolve()
+    digits = hashlib.sha256(os.fsencode(whole)).hexdigest()[:_DIGITS]
+    return None if directory is None else directory / f"{whole.stem}-{digits}.json"
+
+
+def _source(path: Path, config: Path | None) -> Path:
+    """The file whose values are in force: the store, or for a first start that of an earlier version, which has the file's name
+    alone. GatewayError if that one belongs to another file.
+    """
+    if config is None or path.exists():
+        return path
+    earlier = path.with_name(f"{path.stem[: -_DIGITS - 1]}.json")
+    owner = _owner(earlier)
+    if owner not in ("", str(config)):
+        raise GatewayError(
+            f"parameter store {earlier}: its values belong to {owner}, and {config} has none of its own; set store in it, "
+            f"for example store = {json.dumps(str(path))}, or delete {earlier} to use the values of the configuration"
+        )
+    return path if owner or not earlier.exists() else earlier
+
+
+def _owner(path: Path) -> str:
+    """The configuration file of a default store; empty where the file has none, or is none."""
+    try:
+        document = json.loads(read_file(path, _STORE_MAX))
+    except (OSError, ValueError, RecursionError):
+        return ""
+    owner = document.get("configuration") if isinstance(document, dict) else None
+    return owner if isinstance(owner, str) else ""
+
+
+def _moved(path: Path, config: Path) -> Iterator[str]:
+    """A line for each store of a file of this name that is gone: it may have been moved."""
+    for other in sorted(path.parent.glob(f"{path.stem[:-_DIGITS]}{'?' * _DIGITS}.json")):
+        owner = _owner(other)
+        if owner and not Path(owner).exists():
+            yield (
+                f"parameter store {other}: its configuration {owner} is gone; if it is {config} now, set store in it: "
+                f"store = {json.dumps(str(other))}"
+            )
+
+
+def _make_folder(path: Path) -> None:
+    if path.parent == state_directory():
+        path.parent.mkdir(parents=True, exist_ok=True)
+
+
+@contextmanager
+def _held(path: Path) -> Iterator[None]:
+    """The lock of a store. A folder without write permission has none."""
+    try:
+        _make_folder(path)
+        lock = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError:
+        yield
+        return
+    try:
+        try:
+            if fcntl is not None:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            text = "another gateway or axis test writes it; end that one, or set store to another file"
+            raise GatewayError(f"parameter store {path}: {text}") from error
+        yield
+    finally:
+        os.close(lock)
 
 
 def _checksum(parameters: str) -> str:
@@ -151,10 +224,11 @@ class _DamagedError(Exception):
     """The file is damaged, or something else than a parameter file."""
 
 
-def stored_parameters(path: Path | None) -> DeviceParameters:
-    """The parameters that a gateway with this store starts with. GatewayError when the file cannot be read."""
+def stored_parameters(path: Path | None, config: Path | None = None) -> DeviceParameters:
+    """The parameters that a gateway with this store starts with; ``config``: as of ``ParameterStore``. GatewayError when the file
+    cannot be read, or belongs to another configuration."""
     try:
-        return DeviceParameters() if path is None else _read(path, lambda _: None)
+        return DeviceParameters() if path is None else _read(_source(path, config), lambda _: None)
     except _DamagedError:
         return DeviceParameters()
 
@@ -199,16 +273,48 @@ def _remove_positioner(path: Path, values: dict[str, Any], report: Callable[[str
 class ParameterStore:
     """Load and save ``DeviceParameters``; without a path only in memory.
 
-    ``report`` is called with one line about a damaged file and its new place.
+    ``report`` is called with one line about a damaged file and its new place. ``config``: the whole path of the configuration
+    file whose default store this is.
     """
 
-    def __init__(self, path: Path | None, report: Callable[[str], None]) -> None:
+    def __init__(self, path: Path | None, report: Callable[[str], None], config: Path | None = None) -> None:
         self.path = path
         self._report = report
+        self._config = config
         self._lock = threading.Lock()
         self.parameters = DeviceParameters()
-        if path is not None:
-            self.parameters = self._load(path)
+        if path is None:
+            return
+        source = _source(path, config)
+        self.parameters = self._load(source)
+        if config is None or path.exists():
+            return
+        if source == path:
+            for line in _moved(path, config):
+                report(line)
+        elif source.exists():
+            self._take(source)
+
+    def _take(self, earlier: Path) -> None:
+        """Copy the store of an earlier version, and mark it: another configuration of this name does not get its values."""
+        try:
+            with _held(earlier):
+                _source(self.path or earlier, self._config)  # another one may have been faster
+                self.save()
+                self._put(earlier, self.parameters)
+        except GatewayError as error:
+            self._report(str(error))
+        else:
+            self._report(f"parameter store {earlier}: copied to {self.path}, the store of {self._config} alone")
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """No other process writes the file meanwhile. GatewayError if one may."""
+        if self.path is None:
+            yield
+            return
+        with _held(self.path):
+            yield
 
     def update(self, change: Callable[[DeviceParameters], None]) -> None:
         """Change a copy of the parameters, save it and put it in force, one caller at a time.
@@ -226,23 +332,26 @@ class ParameterStore:
         self.update(lambda _: None)
 
     def _write(self, changed: DeviceParameters) -> None:
-        if self.path is None:
-            return
+        if self.path is not None:
+            self._put(self.path, changed)
+
+    def _put(self, path: Path, changed: DeviceParameters) -> None:
         parameters = changed.model_dump_json()
-        document = json.dumps({"checksum": _checksum(parameters), "parameters": parameters})
-        temporary = self.path.with_name(self.path.name + ".new")
+        content = {"checksum": _checksum(parameters), "parameters": parameters}
+        if self._config is not None:
+            content["configuration"] = str(self._config)
+        temporary = path.with_name(f"{path.name}.{os.getpid()}.new")
         try:
-            if self.path.parent == state_directory():
-                self.path.parent.mkdir(parents=True, exist_ok=True)
+            _make_folder(path)
             with temporary.open("w", encoding="utf-8") as file:
-                file.write(document)
+                file.write(json.dumps(content))
                 file.flush()
                 os.fsync(file.fileno())
-            temporary.replace(self.path)
-            _sync_folder(self.path.parent)
+            temporary.replace(path)
+            _sync_folder(path.parent)
         except OSError as error:
             raise GatewayError(
-                f"parameter store {self.path}: cannot be written ({error.strerror}); the old values remain valid"
+                f"parameter store {path}: cannot be written ({error.strerror}); the old values remain valid"
             ) from error
 
     def _load(self, path: Path) -> DeviceParameters:

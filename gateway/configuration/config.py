@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
 
 from pdgw.base.validation import misplaced
 from pdgw.ds301.aborts import CanopenError
@@ -23,6 +23,7 @@ from pdgw.gateway.axis.telegrams import (
     SECOND_SENSOR_NUMBERS,
 )
 from pdgw.gateway.base.errors import at_most
+from pdgw.gateway.base.store import default_store
 from pdgw.gateway.configuration.axis_config import AxisConfig, Place, as_list
 from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.gateway.configuration.devices import EncoderConfig, TelegramConfig
@@ -67,6 +68,18 @@ class GatewayConfig(Section):
     mqtt: MqttConfig | None = None
     store: Path | None = None
     """File of the non-volatile gateway parameters; ``load_config`` puts one in the state directory where none is given."""
+    _file: Path | None = PrivateAttr(None)
+
+    @property
+    def file(self) -> Path | None:
+        """The whole path of the configuration file, if ``store`` is its default one."""
+        return self._file
+
+    def of_file(self, file: Path) -> GatewayConfig:
+        """The same with the default store of a file."""
+        made = self.model_copy(update={"store": default_store(file)})
+        made._file = file.resolve()
+        return made
 
     @property
     def parameter_timeout_ms(self) -> int:

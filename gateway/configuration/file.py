@@ -20,7 +20,6 @@ from pdgw.gateway.axis.telegrams import (
     SPEED_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.store import default_store
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.config import GatewayConfig, Item
 from pdgw.gateway.configuration.defaults import SIMULATED_BLOCKS, SIMULATED_ENCODER_TELEGRAM, SIMULATED_KEYS
@@ -171,10 +170,10 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
     ]
     if missing:
         raise GatewayError("\n".join(missing))
-    store = path.parent / config.store if config.store else default_store(path)
+    config = config.model_copy(update={"store": path.parent / config.store}) if config.store else config.of_file(path)
     web = _files_resolved(config.web, path)
     mqtt = None if config.mqtt is None else _files_resolved(config.mqtt, path)
-    update = {"axis": axes, "encoder": encoders, "store": store, "web": web, "mqtt": mqtt}
+    update = {"axis": axes, "encoder": encoders, "web": web, "mqtt": mqtt}
     return config.model_copy(update=update)
 
 

@@ -76,7 +76,7 @@ class Daemon:
         self.loop: Loop = self.platform.loop
         transport = config.transport
         self.cycle_ns = int(transport.cycle_time_ms * MS)
-        self.store = ParameterStore(config.store, log.warning)
+        self.store = ParameterStore(config.store, log.warning, config.file)
         self.networks: dict[str, CanNetwork] = {}
         self.services: list[Service] = []
         self.watch = CycleWatch()
@@ -110,6 +110,7 @@ class Daemon:
         with ExitStack() as opened:
             if platform is None:
                 opened.callback(self.loop.close)
+            opened.enter_context(self.store.held())
             open_link = self._prepare_link(opened, ethernet)
             for bus in config.can:
                 network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name, bus.node_id)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -360,16 +361,18 @@ def test_a_configuration_that_names_no_store_has_one_by_its_name_in_the_state_di
     config = tmp_path / "press.toml"
     config.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
     for variable, value, expected in (
-        ("STATE_DIRECTORY", str(tmp_path / "service"), tmp_path / "service" / "press.json"),
-        ("XDG_STATE_HOME", str(tmp_path / "xdg"), tmp_path / "xdg" / "pdgw" / "press.json"),
-        ("HOME", str(tmp_path / "home"), tmp_path / "home" / ".local" / "state" / "pdgw" / "press.json"),
+        ("STATE_DIRECTORY", str(tmp_path / "service"), tmp_path / "service"),
+        ("XDG_STATE_HOME", str(tmp_path / "xdg"), tmp_path / "xdg" / "pdgw"),
+        ("HOME", str(tmp_path / "home"), tmp_path / "home" / ".local" / "state" / "pdgw"),
     ):
         with monkeypatch.context() as patch:
             for name in ("STATE_DIRECTORY", "XDG_STATE_HOME"):
                 patch.delenv(name, raising=False)
             patch.setenv(variable, value)
             path = load_config(config).store
-            assert path == expected
+            assert path is not None
+            assert path.parent == expected
+            assert re.fullmatch(r"press-[0-9a-f]{8}\.json", path.name)
             store = ParameterStore(path, nothing_to_report)
             store.update(lambda parameters: setattr(parameters.drive_object(1), "telegram", 9))
             assert ParameterStore(path, nothing_to_report).parameters.drive_object(1).telegram == 9

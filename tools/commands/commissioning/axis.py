@@ -72,8 +72,9 @@ def try_out(
         )
     today = date.today().isoformat()
     kept = confirmation(today, outcome.serial_number, outcome.scaling)
-    store = ParameterStore(loaded.store, typer.echo)
-    store.update(lambda parameters: setattr(parameters.drive_object(do_id), "units_witnessed", kept))
+    store = ParameterStore(loaded.store, typer.echo, loaded.file)
+    with store.held():
+        store.update(lambda parameters: setattr(parameters.drive_object(do_id), "units_witnessed", kept))
     typer.echo("the axis follows its commands")
     if loaded.store is not None:
         typer.echo(

@@ -55,7 +55,7 @@ def check(
     if wrong:
         raise GatewayError("\n".join(wrong))
     protected = _start(config)
-    stored = stored_parameters(config.store).telegrams
+    stored = stored_parameters(config.store, config.file).telegrams
     if replaced := config.replaced_telegrams(stored):
         config = config.with_telegrams(stored)
         protected = _start(config)

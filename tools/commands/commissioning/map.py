@@ -90,7 +90,7 @@ def map_(
         typer.echo(str(write_gsdml(TransportConfig(), gsdml, "--gsdml")))
         return
     loaded = load_config(config)
-    stored = stored_parameters(loaded.store).telegrams
+    stored = stored_parameters(loaded.store, loaded.file).telegrams
     for line in loaded.replaced_telegrams(stored):
         typer.echo(line, err=True)
     loaded = loaded.with_telegrams(stored)
