@@ -77,6 +77,9 @@ def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     return load_dictionary(path, node_id, (DEVICE_TYPE, CONTROLWORD[0], STATUSWORD[0]), "a drive", Dsp402Error)
 
 
+_GUARDS = "1016h, 100Ch and 100Dh, or 1400h/5 with 6007h, writable, or a family that stops without SYNC"
+
+
 class DriveClient(NodeClient[DriveSettings]):
     """One drive. ``on_event`` is called whenever something happens to it that the owner must know."""
 
@@ -399,14 +402,7 @@ class DriveClient(NodeClient[DriveSettings]):
         times = settings.guarding_of(drive, self.network.node_id, self.rpdos.control.pdo.communication_index)
         guarding = guard(times, self.sdo.write_checked, self.sdo.read_number)
         if guarding.refusal and not settings.allow_unguarded:
-            raise Dsp402Error(
-                "guarding of the gateway by the drive",
-                guarding.refusal,
-                (
-                    "1016h, 100Ch and 100Dh, or 1400h/5 with 6007h, writable, or a family that stops without SYNC; "
-                    "set allow_unguarded = true if something else stops the drive when the gateway fails"
-                ),
-            )
+            raise Dsp402Error("guarding of the gateway by the drive", guarding.refusal, f"{_GUARDS}; {guarding.remedy}")
         if guarding.refusal:
             self._notify(Notice.PROGRESS, f"not guarded: {guarding.refusal}")
         elif guarding != self.guarding:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
-from pdgw.ds301.aborts import NOT_THERE, CanopenError, SdoAbortedError, abort_text
+from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, abort_text
 from pdgw.ds301.communication import (
     CONSUMER_HEARTBEAT,
     GUARD_TIME,
@@ -63,6 +63,9 @@ _REACTIONS = {0: "nothing", 1: "malfunction", 2: "disable voltage", 3: "quick st
 """Values of 6007h."""
 _OWN_REACTION = "its own reaction, by default a malfunction (no 6007h)"
 _RPDO_REFRESHES = 3
+_TAKEN = "1016h: all entries have other nodes"
+_UNGUARDED = "set allow_unguarded = true if something else stops the drive when the gateway fails"
+_OUT_OF_RANGE = (Abort.VALUE_RANGE, Abort.VALUE_TOO_HIGH, Abort.VALUE_TOO_LOW)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +92,8 @@ class Guarding:
 
     text: str
     refusal: str = ""
+    remedy: str = _UNGUARDED
+    """What to do about a refusal."""
     heartbeat: bool = False
     """The drive sends heartbeats."""
     life_guarding: bool = False
@@ -97,6 +102,8 @@ class Guarding:
     """The drive stops when the gateway's RPDO does not come any more."""
     sync: bool = False
     """The drive stops when the gateway's SYNC does not come any more."""
+    entry: int = 1
+    """Of 1016h, with the gateway's heartbeat."""
 
 
 def guard(times: GuardTimes, write_checked: Callable[[SdoStep], int], read: Callable[[int, int], int]) -> Guarding:
@@ -125,14 +132,15 @@ def _by_service(
     """What the drive has taken, by index."""
     limit = times.heartbeat_ms * times.heartbeat_factor
     consumer, option, producer = guard_steps(times.gateway_node_id, limit, times.heartbeat_ms, times.reaction)
-    no_consumer = try_write(consumer)
+    no_consumer, entry = _write_consumer(consumer, times.gateway_node_id, try_write, read)
     reaction, no_reaction = _write_reaction(option, try_write, read)
     no_producer = try_write(producer)
     if not no_consumer:
         life = "" if not no_producer else "; the gateway monitors the node by its TPDOs only"
         limit = held[CONSUMER_HEARTBEAT] & 0xFFFF
         text = f"the gateway's heartbeat (1016h, {limit} ms), then {reaction}{life}"
-        return Guarding(text, no_reaction, heartbeat=not no_producer and times.heartbeat_ms > 0)
+        beats = not no_producer and times.heartbeat_ms > 0
+        return Guarding(text, no_reaction, heartbeat=beats, entry=entry)
     silent = bool(no_producer) or not try_write(replace(producer, value=0))
     life_steps = (
         _time(GUARD_TIME, 0, CanType.U16, times.heartbeat_ms, "guard time"),
@@ -147,7 +155,40 @@ def _by_service(
     if not try_write(timer):
         text = f"the timeout of its RPDO ({times.control_index:04X}h/5, {held[timer.index]} ms), then {reaction}"
         return Guarding(text, no_reaction, heartbeat=beats, rpdos=True)
-    return Guarding("nothing", no_consumer, heartbeat=beats)
+    return Guarding("nothing", no_consumer, _remedy(no_consumer, times, limit), heartbeat=beats)
+
+
+def _write_consumer(
+    step: SdoStep, node_id: int, try_write: Callable[[SdoStep], str], read: Callable[[int, int], int]
+) -> tuple[str, int]:
+    """Write the entry of 1016h with the gateway's node-ID, which may be there only once, else one without a node. Those of other
+    nodes stay. Return why the drive rejects it, empty if it accepts it, and the entry."""
+    try:
+        entries = {number: read(CONSUMER_HEARTBEAT, number) for number in range(1, read(CONSUMER_HEARTBEAT, 0) + 1)}
+    except SdoAbortedError:
+        return try_write(step), step.subindex
+    own = [number for number, value in entries.items() if value >> 16 & 0x7F == node_id]
+    free = [number for number, value in entries.items() if not (value >> 16 & 0x7F and value & 0xFFFF)]
+    refusal = _TAKEN
+    for number in dict.fromkeys((*own, *free)):
+        entry = replace(step, subindex=number)
+        if not (refusal := try_write(entry)):
+            return "", number
+        # A device may take a new time only into an entry without a node.
+        if number in own and not try_write(replace(entry, value=0)) and not (refusal := try_write(entry)):
+            return "", number
+    return refusal, step.subindex
+
+
+def _remedy(refusal: str, times: GuardTimes, limit: int) -> str:
+    if refusal == _TAKEN:
+        return "write 0 to an entry of 1016h that is not needed any more, with the drive's own tool"
+    if any(abort_text(code) in refusal for code in _OUT_OF_RANGE):
+        return (
+            f"set another heartbeat_ms than {times.heartbeat_ms}, for example {2 * times.heartbeat_ms} (the drive refuses "
+            f"{limit} ms, {times.heartbeat_factor} times that), or another node_id of [can] than {times.gateway_node_id}"
+        )
+    return _UNGUARDED
 
 
 def _by_sync(found: Guarding, times: GuardTimes, read: Callable[[int, int], int]) -> Guarding:

@@ -328,12 +328,10 @@ class Scan:
             return found.text
         if settings.allow_unguarded:
             return f"{found.text}; pdgw run operates it because allow_unguarded = true"
-        by_sync = ""
+        remedy = found.remedy
         if times.sync_loss_periods and not times.sync_period_us:
-            by_sync = (
-                ", or use a telegram with SYNC in a cyclic synchronous mode: drives of this family stop without SYNC"
-            )
-        return f"{found.text}; pdgw run rejects it; set allow_unguarded = true{by_sync}"
+            remedy = "use a telegram with SYNC in a cyclic synchronous mode: drives of this family stop without SYNC"
+        return f"{found.text}; pdgw run rejects it; {remedy}"
 
 
 def _describe_encoder(node: Inquiry, found: FoundNode) -> None:

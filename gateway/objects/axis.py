@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Final
 from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.emcy import PDO_ERRORS
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeNotice, Notice
@@ -387,6 +387,7 @@ class Axis(DriveObject):
         executor = self.machine.executor
         if (
             address in _OWNED
+            or (self.drive.guarding is not None and address == (CONSUMER_HEARTBEAT, self.drive.guarding.entry))
             or address in self.drive.zeroed
             or (address == MAX_TORQUE and isinstance(executor, PositionerExecutor) and executor.clamps)
         ):

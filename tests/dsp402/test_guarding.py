@@ -43,7 +43,9 @@ class Node:
             raise Dsp402Error(step.meaning, held, f"{step.value} when read back")
         return held
 
-    def read(self, index: int, _: int) -> int:
+    def read(self, index: int, subindex: int) -> int:
+        if index == CONSUMER_HEARTBEAT and index in self.indices:
+            return self.values.get(index, 0) if subindex else 1
         if self.unreadable is not None:
             raise SdoAbortedError(self.unreadable)
         if index not in self.indices:
@@ -147,3 +149,70 @@ def test_configured_absence_of_a_reaction_is_accepted() -> None:
     found = Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION).guarded(reaction=0)
     assert found.text.endswith("then nothing (6007h = 0)")
     assert not found.refusal
+
+
+class Consumers:
+    """A drive with these entries of 1016h, and no other way of guarding."""
+
+    def __init__(self, *entries: int, least_ms: int = 0, empty_first: bool = False) -> None:
+        self.entries = dict(enumerate(entries, 1))
+        self.least_ms = least_ms
+        self.empty_first = empty_first
+
+    def write(self, step: SdoStep) -> int:
+        if step.index != CONSUMER_HEARTBEAT:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        if step.subindex not in self.entries:
+            raise SdoAbortedError(Abort.NO_SUCH_SUBINDEX)
+        if step.value:
+            others = [value >> 16 for number, value in self.entries.items() if number != step.subindex and value]
+            if step.value >> 16 in others or (self.empty_first and self.entries[step.subindex]):
+                raise SdoAbortedError(Abort.PARAMETER_INCOMPATIBLE)
+            if step.value & 0xFFFF < self.least_ms:
+                raise SdoAbortedError(Abort.VALUE_RANGE)
+        self.entries[step.subindex] = step.value
+        return step.value
+
+    def read(self, index: int, subindex: int) -> int:
+        if index != CONSUMER_HEARTBEAT:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        return self.entries[subindex] if subindex else len(self.entries)
+
+    def guarded(self) -> Guarding:
+        return guard(GuardTimes(127, 100, 3, 50, QUICK_STOP, RPDO), self.write, self.read)
+
+
+OWN, OTHER = 127 << 16 | 300, 5 << 16 | 1000
+
+
+@pytest.mark.parametrize(
+    ("device", "entries", "used"),
+    [
+        (Consumers(0, 0, 127 << 16 | 1000, 0), [0, 0, OWN, 0], 3),
+        (Consumers(OTHER, 0), [OTHER, OWN], 2),
+        (Consumers(127 << 16 | 1000, empty_first=True), [OWN], 1),
+        (Consumers(127 << 16, 0), [OWN, 0], 1),
+    ],
+    ids=["own entry", "free entry", "own entry that must be 0 first", "own entry without a time"],
+)
+def test_heartbeat_consumer_is_the_entry_of_the_gateway(device: Consumers, entries: list[int], used: int) -> None:
+    found = device.guarded()
+    assert (found.refusal, found.entry) == ("", used)
+    assert list(device.entries.values()) == entries
+
+
+def test_entries_of_other_nodes_are_never_cleared() -> None:
+    device = Consumers(OTHER, 6 << 16 | 1000)
+    found = device.guarded()
+    assert list(device.entries.values()) == [OTHER, 6 << 16 | 1000]
+    assert found.refusal == "1016h: all entries have other nodes"
+    assert found.remedy == "write 0 to an entry of 1016h that is not needed any more, with the drive's own tool"
+
+
+def test_time_that_is_refused_names_the_key_and_not_the_end_of_the_guarding() -> None:
+    found = Consumers(0, least_ms=500).guarded()
+    assert found.remedy.startswith(
+        "set another heartbeat_ms than 100, for example 200 (the drive refuses 300 ms, 3 times"
+    )
+    assert "allow_unguarded" not in found.remedy
+    assert "allow_unguarded = true" in Node(ABORT_OPTION).guarded().remedy

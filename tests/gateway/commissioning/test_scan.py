@@ -131,12 +131,17 @@ _DSC = 'dsc = "speed"\nfollowing_window = 4096'
     ("telegram", "more", "has_period", "expected"),
     [
         (105, _DSC, True, "the loss of SYNC (3 periods of 4000 us, 1006h), then its own reaction"),
-        (105, _DSC, False, "nothing; pdgw run rejects it; set allow_unguarded = true"),
+        (
+            105,
+            _DSC,
+            False,
+            "nothing; pdgw run rejects it; set allow_unguarded = true if something else stops the drive when the gateway fails",
+        ),
         (
             1,
             "",
             True,
-            "nothing; pdgw run rejects it; set allow_unguarded = true, or use a telegram with SYNC in a cyclic synchronous mode: "
+            "nothing; pdgw run rejects it; use a telegram with SYNC in a cyclic synchronous mode: "
             "drives of this family stop without SYNC",
         ),
         (1, "allow_unguarded = true", True, "nothing; pdgw run operates it because allow_unguarded = true"),
