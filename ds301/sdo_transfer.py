@@ -281,7 +281,9 @@ class Transfer(abc.ABC):
         """Process a frame of the server. Answers to other requests are ignored."""
         if len(frame) != FRAME_SIZE:
             self.broken = f"{len(frame)} bytes, {FRAME_SIZE} expected"
-            return []
+            if not self._is_enough(frame):
+                return []
+            frame = frame.ljust(FRAME_SIZE, b"\0")
         if frame[0] == ABORT:
             if address_in(frame) in (self.address, _UNNAMED):
                 self.code = int.from_bytes(frame[4:], "little")
@@ -301,7 +303,12 @@ class Transfer(abc.ABC):
 
     def check(self, now: int) -> list[bytes]:
         """Abort the transfer if its time is over."""
-        return [self._fail(Abort.TIMEOUT, ": No SDO response received")] if now >= self.due else []
+        missing = f"its answer has {self.broken}" if self.broken else "No SDO response received"
+        return [self._fail(Abort.TIMEOUT, f": {missing}")] if now >= self.due else []
+
+    def _is_enough(self, frame: bytes) -> bool:
+        """A frame of another length has all that is needed."""
+        return False
 
     @abc.abstractmethod
     def _continue(self, frame: bytes) -> list[bytes] | None:
@@ -372,6 +379,12 @@ class Download(Transfer):
         self._source = Source(data)
         request = self._source.first(DOWNLOAD, address_of(index, subindex))
         super().__init__(index, subindex, request, timeout_ns)
+
+    def _is_enough(self, frame: bytes) -> bool:
+        """A confirmation has no data: some devices send only the address of it, or the command of that of a segment."""
+        if self._begun:
+            return len(frame) > 0 and frame[0] & COMMAND == DOWNLOAD
+        return len(frame) > EXPEDITED_SIZE - 1 and frame[0] == CONFIRM
 
     def _continue(self, frame: bytes) -> list[bytes] | None:
         source = self._source

@@ -82,6 +82,8 @@ class SdoAccess:
         """until this time. The next access waits for them, or for the answer to a question."""
         self._interrupted = False
         """The node is lost: what it answers does not count."""
+        self._is_short = False
+        """The log has a line on its short confirmations."""
         self._unconfirmed: dict[tuple[int, int], bytes] = {}
         """Data of writes that timed out, by their object: the confirmation may still arrive."""
 
@@ -244,6 +246,9 @@ class SdoAccess:
             if not transfer.ended:
                 self._ended.clear()
                 self._ended.wait((min(transfer.due, again) if repeats else transfer.due) - now)
+        if transfer.broken and not self._is_short and not transfer.failure:
+            self._is_short = True
+            log.info("node %d: an SDO confirmation has %s: accepted", self._node_id, transfer.broken)
         if transfer.code is not None:
             raise SdoAbortedError(transfer.code, self._where(transfer.index, transfer.subindex))
         if transfer.failure:

@@ -141,6 +141,34 @@ def test_short_answers_to_an_urgent_request_are_reported(desk: Site) -> None:
         desk.run(lambda node: node.read_urgently(INDEX))
 
 
+@pytest.mark.parametrize("size", [4, 5, 7])
+def test_short_confirmation_of_a_write_is_accepted_with_a_line(
+    desk: Site, size: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    desk.script = lambda _: [CONFIRMATION[:size]]
+    with caplog.at_level("INFO"):
+        desk.write(100)
+        desk.write(200)
+    assert caplog.text.count(f"node 4: an SDO confirmation has {size} bytes, 8 expected: accepted") == 1
+
+
+def test_short_confirmations_of_segments_are_accepted(desk: Site) -> None:
+    desk.script = lambda request: [CONFIRMATION[:4] if request[:1] == b"\x21" else bytes((0x20 | request[0] & 0x10,))]
+    desk.run(lambda node: node.write(INDEX, 0, bytes(20)))
+    assert len(desk.requests) == 4
+
+
+@pytest.mark.parametrize(
+    ("short", "size"),
+    [(CONFIRMATION[:3], 3), (WRITTEN + OTHER, 4), (ABORTED + ADDRESS, 4)],
+    ids=["no address", "another object", "an abort without its code"],
+)
+def test_other_short_answer_to_a_write_is_named(desk: Site, short: bytes, size: int) -> None:
+    desk.script = lambda _: [short]
+    with pytest.raises(SdoCommunicationError, match=f"its answer has {size} bytes, 8 expected"):
+        desk.write(100)
+
+
 def test_urgent_request_is_repeated_and_its_second_answer_is_of_no_other(desk: Site) -> None:
     """The answers to both requests arrive after the second one. The next access waits for the last of them."""
     old, new = VALUE + ADDRESS + b"\x01\0\0\0", VALUE + ADDRESS + b"\x02\0\0\0"
