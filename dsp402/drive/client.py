@@ -38,7 +38,7 @@ from pdgw.ds301.node.polling import PolledObject
 from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.ds301.pdo import PdoCapabilities, PdoLayout
 from pdgw.dsp402.acting import KEPT, Treatment, acting_in, left_to_the_drive, read_acting, readable
-from pdgw.dsp402.drive.guarding import Guarding, guard, interpolation_steps
+from pdgw.dsp402.drive.guarding import Guarding, guard, write_interpolation
 from pdgw.dsp402.drive.images import UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive.left_overs import OFF, LeftOvers
 from pdgw.dsp402.drive.mode_check import ModeCheck
@@ -344,8 +344,8 @@ class DriveClient(NodeClient[DriveSettings]):
             if mode is Mode.VELOCITY and code == Mode.CYCLIC_VELOCITY:
                 period_us = settings.cycle_ms * US_PER_MS
         if period_us and INTERPOLATION_TIME in self.sdo.dictionary:
-            for step in interpolation_steps(period_us):
-                self.sdo.do(step)
+            held = self.sdo.read_number(INTERPOLATION_TIME, 2, signed=True)
+            write_interpolation(period_us, self.sdo.write_checked, held)
         if HOMING_METHOD[0] in self.sdo.dictionary:
             self.homing_method = self.sdo.require(*HOMING_METHOD, signed=True)
         shown = (

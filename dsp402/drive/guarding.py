@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 
+from pdgw.base.durations import SECOND, US
 from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, abort_text
 from pdgw.ds301.communication import (
     CONSUMER_HEARTBEAT,
@@ -25,16 +27,29 @@ from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import ABORT_OPTION, INTERPOLATION_TIME
 
 
-def interpolation_steps(period_us: int) -> list[SdoStep]:
-    """60C2h for a period: a count of 1 to 255 and a power of ten of a second. Dsp402Error for one that does not fit."""
-    for exponent in range(-3, -7, -1):
-        unit = 10 ** (6 + exponent)
-        if period_us % unit == 0 and 1 <= period_us // unit <= 0xFF:
-            return [
-                SdoStep(INTERPOLATION_TIME, 1, CanType.U8, period_us // unit, "interpolation time"),
-                SdoStep(INTERPOLATION_TIME, 2, CanType.I8, exponent, "its power of ten"),
-            ]
-    raise Dsp402Error("interpolation time 60C2h", f"{period_us} us", "1 to 255 times a power of ten of a microsecond")
+def write_interpolation(period_us: int, write_checked: Callable[[SdoStep], int], held: int) -> None:
+    """60C2h for a period: a count of 1 to 255 and a power of ten of a second, ``held`` or another one that the drive takes.
+
+    Each is read back. Dsp402Error for a period that no power of the drive fits.
+    """
+    refusal = ""
+    for exponent in dict.fromkeys((-3, held, -4, -5, -6)):
+        count = Fraction(period_us, SECOND // US) / Fraction(10) ** exponent
+        if count.denominator != 1 or not 1 <= count <= 0xFF:
+            continue
+        try:
+            if exponent != held:
+                write_checked(SdoStep(INTERPOLATION_TIME, 2, CanType.I8, exponent, "power of ten of 60C2h"))
+            write_checked(SdoStep(INTERPOLATION_TIME, 1, CanType.U8, int(count), "interpolation time 60C2h"))
+        except (CanopenError, SdoAbortedError) as error:
+            refusal = f"; the drive refuses {count} * 10^{exponent} s ({error})"
+        else:
+            return
+    raise Dsp402Error(
+        "interpolation time 60C2h",
+        f"{period_us} us",
+        f"1 to 255 times its power of ten of a second{refusal or f' ({held})'}",
+    )
 
 
 def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_option: int) -> list[SdoStep]:

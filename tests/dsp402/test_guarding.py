@@ -7,7 +7,7 @@ import pytest
 from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
-from pdgw.dsp402.drive.guarding import Guarding, GuardTimes, guard
+from pdgw.dsp402.drive.guarding import Guarding, GuardTimes, guard, write_interpolation
 from pdgw.dsp402.drive_type import Dsp402Error
 from pdgw.dsp402.objects import ABORT_OPTION
 
@@ -216,3 +216,46 @@ def test_time_that_is_refused_names_the_key_and_not_the_end_of_the_guarding() ->
     )
     assert "allow_unguarded" not in found.remedy
     assert "allow_unguarded = true" in Node(ABORT_OPTION).guarded().remedy
+
+
+class Interpolation:
+    """A drive that takes these powers of ten, and these counts."""
+
+    def __init__(self, exponents: tuple[int, ...], highest: int = 255) -> None:
+        self.exponents = exponents
+        self.highest = highest
+        self.held = {1: 1, 2: exponents[0]}
+
+    def write(self, step: SdoStep) -> int:
+        allowed = step.value in self.exponents if step.subindex == 2 else step.value <= self.highest
+        if not allowed:
+            raise SdoAbortedError(Abort.VALUE_RANGE)
+        self.held[step.subindex] = step.value
+        return step.value
+
+
+@pytest.mark.parametrize(
+    ("exponents", "period_us", "count", "exponent"),
+    [
+        ((-3, -4), 4000, 4, -3),
+        ((-4,), 4000, 40, -4),
+        ((-5,), 2000, 200, -5),
+        ((-6, -4), 4000, 40, -4),
+        ((-2,), 20_000, 2, -2),
+        ((-3, -6), 250, 250, -6),
+    ],
+)
+def test_interpolation_time_has_a_power_of_ten_that_the_drive_takes(
+    exponents: tuple[int, ...], period_us: int, count: int, exponent: int
+) -> None:
+    drive = Interpolation(exponents)
+    write_interpolation(period_us, drive.write, drive.held[2])
+    assert drive.held == {1: count, 2: exponent}
+
+
+@pytest.mark.parametrize("drive", [Interpolation((-5,)), Interpolation((-6,)), Interpolation((-4,), highest=30)])
+def test_interpolation_time_that_no_power_of_the_drive_fits_is_refused(drive: Interpolation) -> None:
+    with pytest.raises(
+        Dsp402Error, match=r"interpolation time 60C2h: '4000 us' is not allowed, expected 1 to 255 times"
+    ):
+        write_interpolation(4000, drive.write, drive.held[2])
