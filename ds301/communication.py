@@ -74,6 +74,8 @@ DEVICE_TYPE = 0x1000
 ERROR_REGISTER = 0x1001
 PREDEFINED_ERROR_FIELD = 0x1003
 SYNC_COB_ID = 0x1005
+SYNC_PRODUCER: Final = 1 << 30
+"""Bit of 1005h: the node sends SYNC."""
 SYNC_PERIOD = 0x1006
 """Communication cycle period in microseconds."""
 SYNC_WINDOW = 0x1007

@@ -137,6 +137,8 @@ class CanNetwork(Receiver):
         self._sync_for: set[int] = set()
         self._sync_withheld: set[int] = set()
         """Nodes for whose sake no SYNC is sent."""
+        self.makes_sync = False
+        """The gateway sends SYNC on this bus."""
         self.sync_required = False
         """A node on this bus sends or takes PDOs on SYNC."""
         self.on_other_sender: Callable[[int, str], None] | None = None

@@ -30,6 +30,7 @@ from pdgw.ds301.communication import (
     ERROR_REGISTER,
     NMT,
     SDO_REQUEST,
+    SYNC_COB_ID,
     SYNC_COUNTER,
     NmtCommand,
     NmtState,
@@ -149,6 +150,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._idle = False
         """The task waits for something to do, and has no access."""
         self._reconfigure = False
+        self.had_sync = False
+        """It sends SYNC after its boot-up (1005h bit 30), until it is configured."""
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
         self._stopped = False
@@ -468,6 +471,9 @@ class NodeClient(abc.ABC, Generic[S]):
         self._booted.clear()  # a boot-up before this answer is the expected one
         self._set_status(NodeStatus.CONFIGURING, "checking identity")
         self._identify(device_type)
+        if self.network.makes_sync and self._may_have(SYNC_COB_ID) and self.sdo.stop_sync_producer():
+            self.had_sync = True
+            self._notify("status", "1005h bit 30 cleared: the node has sent SYNC, which the gateway sends on this bus")
         self._find_emcy()
         self._expected_accesses = self.sdo.accesses + _CONFIGURATION
         self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")

@@ -12,7 +12,7 @@ import canopen
 
 from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, abort_text
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import IDENTITY, SYNC_COUNTER, SYNC_PERIOD, profile_of
+from pdgw.ds301.communication import IDENTITY, SYNC_COB_ID, SYNC_COUNTER, SYNC_PERIOD, SYNC_PRODUCER, profile_of
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, has_effect
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
@@ -142,6 +142,17 @@ class ConfiguringAccess(SdoAccess):
             if error.code not in NOT_THERE:
                 raise
             return 0
+
+    def stop_sync_producer(self) -> bool:
+        """Clear bit 30 of 1005h; bits 0 to 29 may not change. True if it was set; the package's error if it stays set."""
+        try:
+            cob_id = self.read_optional(SYNC_COB_ID)
+        except SdoAbortedError:
+            return False  # it cannot be read: a SYNC of the node is that of another master
+        if not cob_id & SYNC_PRODUCER:
+            return False
+        self.write_checked(SdoStep(SYNC_COB_ID, 0, CanType.U32, cob_id & ~SYNC_PRODUCER, "SYNC producer, 1005h bit 30"))
+        return True
 
     def stop_sync_counter(self) -> None:
         """Make a node accept a SYNC without a counter; the package's error if 1019h stays. It can be written while 1006h is 0."""

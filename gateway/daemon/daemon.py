@@ -35,7 +35,7 @@ from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.bus_load import HEARTBEATS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
-from pdgw.gateway.daemon.masters import LISTEN_NS, SameNodeId, watch_for_masters, watch_for_writes
+from pdgw.gateway.daemon.masters import LISTEN_NS, SameNodeId, SyncOfNodes, watch_for_masters, watch_for_writes
 from pdgw.gateway.daemon.pause import Pause
 from pdgw.gateway.daemon.sync import SyncProducer
 from pdgw.gateway.links.cyclic import IDLE_NS
@@ -221,6 +221,8 @@ class Daemon:
         cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
         for name in synced:
             self.networks[name].claim(SYNC, "SYNC (a node whose 1005h has bit 30, too)")
+        for name, network in self.networks.items():
+            network.makes_sync = name in synced
         self.sync_producers = {
             name: SyncProducer(
                 network, self.cycle_ns, [axis for axis in cyclic if axis.network is network], self.loop.now
@@ -413,7 +415,10 @@ class Daemon:
         for name, network in self.networks.items():
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]
-            watch_for_masters(network, drives, self._same_ids[name], self._on_other_master)
+            clients = [client for client in self.clients if client.network is network]
+            watch_for_masters(
+                network, drives, self._same_ids[name], SyncOfNodes(network, clients), self._on_other_master
+            )
         for item in self.objects:
             watch_for_writes(item.network, item.node_id, partial(relies_on, item), item.client.distrust)
         self._beat = self.loop.call_later(LISTEN_NS, self._begin)

@@ -7,12 +7,15 @@ one would prevent the stop by the other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import ERROR_CONTROL, HEARTBEAT_STATE, SDO_REQUEST, SDO_RESPONSE, NmtState
+from pdgw.ds301.communication import ERROR_CONTROL, HEARTBEAT_STATE, SDO_REQUEST, SDO_RESPONSE, SYNC, NmtState
 from pdgw.ds301.emcy import HEARTBEAT_ERROR
+from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.reasons import FaultNumber
@@ -36,6 +39,8 @@ _BOOTED, _ANSWERED = "booted", "answered an SDO request"
 _OTHER_ID = "give the device another node-ID, or set another [can] node_id"
 _PAUSE_NS = 10 * SECOND
 """A device that repeats the same is reported again after this time."""
+_SYNC_AFTER_BOOT_NS = 2 * SECOND
+"""So soon after its boot-up a node is configured that sends SYNC by itself."""
 _EFFECT_NS = 500 * MS
 """Within this time of the boot-up a drive shows that its heartbeat consumer reacts to it, with the time to read its fault."""
 
@@ -97,8 +102,43 @@ class SameNodeId:
         return clock(time_ns, self._network.loop)
 
 
+class SyncOfNodes:
+    """SYNC of other senders on a bus: of a node that has booted and whose 1005h has bit 30, until its bring-up clears that."""
+
+    def __init__(self, network: CanNetwork, clients: Sequence[NodeClient[Any]]) -> None:
+        self._network = network
+        self._booted: dict[NodeClient[Any], int] = {}
+        """When, by node."""
+        self._pending = False
+        for client in clients:
+            network.subscribe(ERROR_CONTROL + client.settings.node_id, partial(self._beat, client))
+
+    def _beat(self, client: NodeClient[Any], data: bytes, now: int) -> None:
+        if data[:1] == _BOOT_UP:
+            self._booted[client] = now
+
+    def explains(self, else_: Callable[[], None]) -> bool:
+        """A node may send it that has just booted. ``else_`` is called if its 1005h turns out to have no bit 30."""
+        now = self._network.loop.now()
+        suspects = {client: time for client, time in self._booted.items() if now - time <= _SYNC_AFTER_BOOT_NS}
+        if suspects and not self._pending:
+            self._pending = True
+
+            def decide() -> None:
+                self._pending = False
+                if not any(client.had_sync for client in suspects):
+                    else_()
+
+            self._network.loop.call_at(max(suspects.values()) + _SYNC_AFTER_BOOT_NS, decide)
+        return bool(suspects)
+
+
 def watch_for_masters(
-    network: CanNetwork, drives: Iterable[int], same: SameNodeId, on_found: Callable[[str], None]
+    network: CanNetwork,
+    drives: Iterable[int],
+    same: SameNodeId,
+    sync_of_nodes: SyncOfNodes,
+    on_found: Callable[[str], None],
 ) -> None:
     """Call ``on_found`` with one line for every frame on ``network`` that only a master sends.
 
@@ -120,7 +160,11 @@ def watch_for_masters(
         what = f"the heartbeat of node {network.node_id} ({state}), which is the node-ID of this gateway"
         found(own, what, f"another gateway, or {same.who},", f"{_OTHER_ID}, ")
 
-    network.on_other_sender = found
+    def other(cob_id: int, what: str) -> None:
+        if cob_id != SYNC or not sync_of_nodes.explains(lambda: found(cob_id, what)):
+            found(cob_id, what)
+
+    network.on_other_sender = other
     own = ERROR_CONTROL + network.node_id
     network.subscribe_pdo(own, beats)
     for node_id in drives:

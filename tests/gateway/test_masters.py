@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import can
 import pytest
 
@@ -13,6 +16,7 @@ from pdgw.ds301.communication import (
     PRODUCER_HEARTBEAT,
     SDO_REQUEST,
     SYNC,
+    SYNC_COB_ID,
     NmtCommand,
 )
 from pdgw.ds301.objects import Access, CanType, Entry
@@ -94,6 +98,64 @@ def test_a_second_producer_of_sync_ends_the_gateway_after_its_drives_are_stopped
             world_of(daemon).loop.until(daemon.stopped.is_set, "the end of the gateway", 10 * SECOND)
         assert drive_of(daemon).model.state is not State.OPERATION_ENABLED
         assert "SYNC" in str(daemon.failure)
+
+
+PRODUCER, CONSUMER = 0x4000_0080, 0x80
+"""1005h with and without bit 30."""
+
+
+@contextmanager
+def sync_after_boot(cob_id: int, daemon: Daemon, *, read_only: bool = False) -> Iterator[Daemon]:
+    """The drive boots with this 1005h, and another sender sends SYNC for a moment afterwards."""
+    node, world = drive_of(daemon).node, world_of(daemon)
+    entry = Entry(SYNC_COB_ID, 0, "COB-ID SYNC", CanType.U32, Access.RO if read_only else Access.RW, default=cob_id)
+    node.entries = {**node.entries, (SYNC_COB_ID, 0): entry}
+    other = world.bus(CHANNEL).join("the drive itself")
+    drive_of(daemon).do(lambda node: node.restart())
+    node.values[SYNC_COB_ID, 0] = cob_id
+    for delay in (20, 100):
+        world.loop.call_later(delay * MS, lambda: other.send(SYNC, b""))
+    yield daemon
+
+
+def test_sync_of_a_node_that_has_booted_is_cleared_and_named(caplog: pytest.LogCaptureFixture) -> None:
+    config = configuration(axis(1, telegram_number=105, more=DSC))
+    with caplog.at_level("INFO"), operating(config) as (daemon, plc), exchanging(plc):
+        with sync_after_boot(PRODUCER, daemon):
+            world_of(daemon).loop.run_for(5 * SECOND)
+        assert daemon.failure is None
+        assert drive_of(daemon).node.values[SYNC_COB_ID, 0] == CONSUMER
+        assert daemon.axes[0].good
+        assert "axis 1: node 1005h bit 30 cleared: the node has sent SYNC, which the gateway sends" in caplog.text
+
+
+def test_sync_after_the_boot_up_of_a_node_without_bit_30_is_of_another_master() -> None:
+    with operating(configuration(axis(1, telegram_number=105, more=DSC))) as (daemon, plc), exchanging(plc):
+        with sync_after_boot(CONSUMER, daemon):
+            world_of(daemon).loop.until(daemon.stopped.is_set, "the end of the gateway", 5 * SECOND)
+        assert "another master sends SYNC" in str(daemon.failure)
+
+
+def test_sync_long_after_the_boot_up_of_a_producer_is_of_another_master() -> None:
+    with operating(configuration(axis(1, telegram_number=105, more=DSC))) as (daemon, plc), exchanging(plc):
+        with sync_after_boot(PRODUCER, daemon):
+            world_of(daemon).loop.run_for(5 * SECOND)
+        world_of(daemon).bus(CHANNEL).join("another").send(SYNC, b"")
+        world_of(daemon).loop.until(daemon.stopped.is_set, "the end of the gateway", 5 * SECOND)
+        assert "another master sends SYNC" in str(daemon.failure)
+
+
+def test_node_whose_1005h_keeps_bit_30_is_refused() -> None:
+    with operating(configuration(axis(1, telegram_number=105, more=DSC))) as (daemon, plc), exchanging(plc):
+        with sync_after_boot(PRODUCER, daemon, read_only=True):
+            until(daemon, lambda: daemon.axes[0].drive.refusal, "refused")
+        assert "1005h" in daemon.axes[0].drive.refusal
+
+
+def test_producer_of_sync_keeps_it_where_the_gateway_sends_none() -> None:
+    with running(configuration(axis(1))) as daemon, sync_after_boot(PRODUCER, daemon):
+        until(daemon, lambda: daemon.axes[0].drive.generation and daemon.axes[0].good, "online")
+        assert drive_of(daemon).node.values[SYNC_COB_ID, 0] == PRODUCER
 
 
 RPDO1 = {(0x1400, 1): 0x3F5, (0x1600, 0): 2, (0x1600, 1): 0x60FF_0020, (0x1600, 2): 0x6040_0010}
