@@ -340,7 +340,7 @@ class DriveClient(NodeClient[DriveSettings]):
         edges = drive.quirks.fault_reset_edges
         self.rpdos.fault_reset = FaultReset(edges) if edges > 1 else None
         if (code := drive.mode_for(mode)) is not None:
-            self._mode.set(code, late=drive.quirks.mode_shown_in_operation_only)
+            self._mode.set(code, late=drive.quirks.mode_shown_in_operation_only, only=[*drive.modes] == [code])
             if mode is Mode.VELOCITY and code == Mode.CYCLIC_VELOCITY:
                 period_us = settings.cycle_ms * US_PER_MS
         if period_us and INTERPOLATION_TIME in self.sdo.dictionary:

@@ -12,7 +12,7 @@ from pdgw.ds301.node.node import Notice
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import Dsp402Error
-from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
+from pdgw.dsp402.modes import MODE_CONFIRM_NS, MODE_NAMES, Mode
 from pdgw.dsp402.objects import MODE, MODE_DISPLAY
 from pdgw.dsp402.states import State, state_of
 
@@ -33,13 +33,19 @@ class ModeCheck:
         """Empty, or how 6061h shows another mode in operation: the drive counts as lost."""
         self._operating_since = -1
 
-    def set(self, mode: int, *, late: bool) -> None:
+    def set(self, mode: int, *, late: bool, only: bool) -> None:
         """Write a mode and wait until 6061h shows it; Dsp402Error if it does not.
 
-        A speed mode may be shown later, in operation: the drive is known for it (``late``), or shows no mode at all.
+        A speed mode may be shown later, in operation: the drive is known for it (``late``), or shows no mode at all. A drive with
+        objects of this mode ``only`` needs neither 6060h nor 6061h (both are conditional in CiA 402).
         """
         sdo = self._sdo
         self.awaited, self.wrong, self._operating_since = None, "", -1
+        if only and not {MODE[0], MODE_DISPLAY[0]} & sdo.dictionary.keys():
+            self._notify(
+                "status", f"without 6060h and 6061h: operated in its one mode, {mode} ({MODE_NAMES[Mode(mode)]})"
+            )
+            return
         sdo.do(SdoStep(*MODE, CanType.I8, mode, "mode of operation"))
         deadline = sdo.loop.now() + MODE_CONFIRM_NS
         while (shown := sdo.require(*MODE_DISPLAY, signed=True)) != mode:

@@ -29,7 +29,7 @@ _OF_THE_ENGEL_LIKE = ("engel", "synchronous", "endless")
 REFUSALS: Mapping[tuple[str, int], str] = {
     **{(name, 100): _LACKS for name in SHAPES if name not in _OF_THE_ENGEL_LIKE},
     **{("unguarded", number): "guarding of the gateway by the drive" for number in (1, 3, 9)},
-    **{(name, 9): "modes of the drive" for name in ("vl", "csv", "csp")},
+    **{(name, 9): "modes of the drive" for name in ("vl", "inverter", "csv", "csp")},
     **{("csp", number): _LACKS for number in (1, 3)},
     ("no-range", 9): "set rated_acceleration_rpm_s",
 }

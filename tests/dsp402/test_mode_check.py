@@ -48,7 +48,7 @@ def test_only_a_speed_mode_that_is_not_shown_yet_may_wait_for_operation(
     client = plant.connected()
     begin = site.now()
     _shows(drive, shown, begin + for_ms * MS)
-    job = client.submit(lambda client: client._mode.set(mode, late=late))
+    job = client.submit(lambda client: client._mode.set(mode, late=late, only=False))
     site.wait_for(job.done, "an end")
     assert within_ms[0] * MS <= site.now() - begin <= within_ms[1] * MS
     error = job.exception(0)

@@ -354,3 +354,31 @@ def test_parameters_have_of_a_drive_only_what_its_family_has(
         session = Session(client)
         assert session.name_and_unit(0x2003, 0) == object_
         assert session.name_and_unit(0x60FF, 0) == ("Target Velocity", unit)
+
+
+INVERTER = shape("inverter")
+
+
+@pytest.mark.parametrize("telegram_number", [1, 2, 3])
+def test_inverter_without_the_objects_of_the_mode_turns_in_its_one_mode(
+    telegram_number: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level("INFO"), running(configuration(axis(1, telegram_number=telegram_number, more=""))) as daemon:
+        world_of(daemon).drive("world", 1, shape=INVERTER)
+        plc = Plc(daemon, [telegram_number])
+        plc.enable()
+        setpoint, actual, half = (
+            ("NSOLL_A", "NIST_A", 0x2000) if telegram_number == 1 else ("NSOLL_B", "NIST_B", 1 << 29)
+        )
+        plc.endpoint.set(0, {setpoint: half})
+        plc.until(lambda: abs(plc.value(actual) - half) < half // 100, "half of the rated speed")
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: abs(plc.value(actual)) < half // 100, "standstill")
+    assert "without 6060h and 6061h: operated in its one mode, 2 (velocity)" in caplog.text
+
+
+def test_drive_without_the_objects_of_the_mode_and_with_objects_of_two_is_refused() -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        world_of(daemon).drive("world", 1, shape=replace(INVERTER, lacks=INVERTER.lacks - {0x6071}))
+        until(daemon, lambda: daemon.axes[0].drive.refusal, "refused")
+        assert "mode of operation (6060h/0 := 2h)" in daemon.axes[0].drive.refusal

@@ -43,7 +43,8 @@ class Bench(NodeBench[SimulatedDriveNode]):
         self.node.touch()
 
     def enable(self, mode: int) -> None:
-        self.write(0x6060, mode)
+        if (0x6060, 0) in self.node.entries:
+            self.write(0x6060, mode)
         for word in (0x06, 0x07, 0x0F):
             self.write(0x6040, word)
             self.run(5)
@@ -63,7 +64,7 @@ def test_100_percent_as_it_is_found_is_the_rated_speed_of_the_motor(name: str) -
     assert mode is not None
     bench = Bench(name)
     bench.enable(mode)
-    if name == "vl":
+    if name in ("vl", "inverter"):
         bench.write(0x6040, 0x7F)
     entry = drive.entry("target_velocity")
     bench.write(entry.index, int(reference))

@@ -39,7 +39,7 @@ _RPM: Final = (
     *("rpm", "counts", "si", "fixed-pdo", "no-event-timer", "node-guarding", "rpdo-timeout", "no-abort-option"),
     *("mode-late", "frozen", "two-edges", "stays-stopped", "four-pdo", "speed-by-sdo"),
 )
-_SPEED_ONLY: Final = ("vl", "csv", "no-range")
+_SPEED_ONLY: Final = ("vl", "inverter", "csv", "no-range")
 POSITIONER: Final = """\
 [axis.positioner]
 lu_per_revolution = 10000
