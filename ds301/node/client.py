@@ -473,7 +473,9 @@ class NodeClient(abc.ABC, Generic[S]):
         self._identify(device_type)
         if self.network.makes_sync and self._may_have(SYNC_COB_ID) and self.sdo.stop_sync_producer():
             self.had_sync = True
-            self._notify("status", "1005h bit 30 cleared: the node has sent SYNC, which the gateway sends on this bus")
+            self._notify(
+                Notice.PROGRESS, "1005h bit 30 cleared: the node has sent SYNC, which the gateway sends on this bus"
+            )
         self._find_emcy()
         self._expected_accesses = self.sdo.accesses + _CONFIGURATION
         self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")

@@ -514,13 +514,12 @@ def test_the_status_port_sends_axes_and_counters_to_several_clients(
         with connect() as endless:
             endless.sendall(b"x" * 64)
             assert b"allowed" in endless.recv(1000)
-        # Some may ask nothing; one more has no place.
-        with ExitStack() as silent:
-            for _ in range(status_module._CONNECTIONS):
-                silent.enter_context(connect())
+        # Some may ask nothing; the oldest of them ends for one more.
+        with ExitStack() as opened:
+            silent = [opened.enter_context(connect()) for _ in range(status_module._CONNECTIONS)]
             wait_for(lambda: served(daemon) == status_module._CONNECTIONS, "all are being served")
-            with connect() as late:
-                assert late.recv(1) == b""
+            assert fetch(port, PATIENCE_S)["schema"] == 2
+            assert silent[0].recv(1) == b""
         wait_for(lambda: served(daemon) == 0, "they have gone")
         # Who asks nothing for long is sent away.
         monkeypatch.setattr(status_module, "_PATIENCE_NS", 10 * MS)
