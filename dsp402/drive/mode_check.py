@@ -43,7 +43,7 @@ class ModeCheck:
         self.awaited, self.wrong, self._operating_since = None, "", -1
         if only and not {MODE[0], MODE_DISPLAY[0]} & sdo.dictionary.keys():
             self._notify(
-                "status", f"without 6060h and 6061h: operated in its one mode, {mode} ({MODE_NAMES[Mode(mode)]})"
+                Notice.PROGRESS, f"without 6060h and 6061h: operated in its one mode, {mode} ({MODE_NAMES[Mode(mode)]})"
             )
             return
         sdo.do(SdoStep(*MODE, CanType.I8, mode, "mode of operation"))

@@ -1,14 +1,14 @@
 """Interface between telegrams and drives: the request to an axis (``Demand``) and its actual state (``Report``).
 
-Adapters change a ``Demand`` when the words of their telegram change. Executors return a new ``Report`` in each cycle. Fractions
-of a reference are integers, 4000 0000h is 100 % (N4; N2 is converted without loss).
+Adapters change a ``Demand`` when the words of their telegram change. Executors fill their ``Report`` in each cycle. Fractions of
+a reference are integers, 4000 0000h is 100 % (N4; N2 is converted without loss).
 """
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.base.reasons import Reason
@@ -144,23 +144,46 @@ class Flag:
     """Statusword bits that are shown unchanged (docs/telegrams.md, ZSW1)."""
 
 
-class Report(NamedTuple):
-    """What an axis shows in a step. Positions and speeds are fractions of the references, those of a positioner LU and LU/min."""
+class Report:
+    """What an axis shows in a step. Positions and speeds are fractions of the references, those of a positioner LU and LU/min.
 
-    reason: Reason | None
-    """Why it does not follow the request."""
-    flags: int = 0
-    """Bits of ``Flag`` that only the executor knows."""
-    speed: int = 0
-    """Also of a positioner a fraction of the reference."""
-    position: int = 0
-    length_speed: int = 0
-    active: int = 0
-    """AKTSATZ of telegram 9: the homing method, and MDI active."""
-    positioner: tuple[int, int] = (0, 0)
-    """POS_ZSW1 and POS_ZSW2."""
-    raw: Sequence[int] = ()
-    """Raw values of the objects of a transparent telegram, the Statusword first."""
+    One object for all steps of an executor: nothing keeps it. The executor uses one of the methods in all of them, so no value of
+    the step before stays.
+    """
+
+    def __init__(self) -> None:
+        self.raw: Sequence[int] = ()
+        """Raw values of the objects of a transparent telegram, the Statusword first."""
+        self.fill_motion(None)
+
+    def fill(self, reason: Reason | None, flags: int = 0, speed: int = 0) -> Report:
+        """Set what every axis shows; returns the record."""
+        self.reason = reason
+        """Why it does not follow the request."""
+        self.flags = flags
+        """Bits of ``Flag`` that only the executor knows."""
+        self.speed = speed
+        """Also of a positioner a fraction of the reference."""
+        return self
+
+    def fill_motion(
+        self,
+        reason: Reason | None,
+        flags: int = 0,
+        speed: int = 0,
+        position: int = 0,
+        length_speed: int = 0,
+        active: int = 0,
+        positioner: tuple[int, int] = (0, 0),
+    ) -> Report:
+        """Set everything but raw values; returns the record."""
+        self.position = position
+        self.length_speed = length_speed
+        self.active = active
+        """AKTSATZ of telegram 9: the homing method, and MDI active."""
+        self.positioner = positioner
+        """POS_ZSW1 and POS_ZSW2."""
+        return self.fill(reason, flags, speed)
 
 
 SHOWN_FAULT: Final = _ZSW1.bit("FAULT").mask

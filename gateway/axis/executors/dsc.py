@@ -97,13 +97,13 @@ class DscExecutor(Executor):
         self.outputs.warned = 0
         self._track_actual_position()
         self.command.controlword = self.interlock.controlword
-        return Report(self.interlock.reason)
+        return self.report.fill(self.interlock.reason)
 
     def step(self) -> Report:
         interlock, dsc, actual = self.interlock, self.dsc, self._actual
         reason, cell = interlock.reason, interlock.cell
         if dsc is None or actual is None:
-            return Report(reason)
+            return self.report.fill(reason)
         command, demand, feedback = self.command, self._asked, self.feedback
         if cell.operating:
             reason = self._control(dsc)
@@ -124,7 +124,7 @@ class DscExecutor(Executor):
             flags = Flag.REACHED
         if abs(velocity - feedback.velocity_demand) <= self._tolerance:
             flags |= Flag.WITHIN_TOLERANCE
-        return Report(reason, flags, actual.to_wire(velocity))
+        return self.report.fill(reason, flags, actual.to_wire(velocity))
 
     def _control(self, dsc: Dsc) -> Reason | None:
         demand, position = self._asked, self.feedback.position_actual

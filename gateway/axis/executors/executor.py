@@ -48,6 +48,7 @@ class Executor:
         self.settings, self.interlock, _, self.inputs, self.outputs = records
         self.feedback: DriveFeedback = records.inputs.feedback
         self.command: DriveCommand = records.outputs.command
+        self.report = Report()
         self.slowest = 0
         """Lowest speed that the drive may have with any setpoint in force, in its units: that of an inverter (6046h)."""
 

@@ -55,7 +55,8 @@ class RawExecutor(Executor):
         if not self.inputs.drive_ok:
             statusword, *rest = values
             values = (statusword & ~STATE_BITS | STATUS_OF[State.FAULT], *rest)
-        return Report(reason, raw=values)
+        self.report.raw = values
+        return self.report.fill(reason)
 
     def step(self) -> Report:
         interlock, demand, command = self.interlock, self._asked, self.command

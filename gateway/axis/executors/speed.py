@@ -94,7 +94,7 @@ class SpeedExecutor(Executor):
     def refuse(self) -> Report:
         self.outputs.warned = 0
         self.command.controlword, self.command.target_velocity = self.interlock.controlword, 0
-        return Report(self.interlock.reason)
+        return self.report.fill(self.interlock.reason)
 
     def step(self) -> Report:
         interlock, demand, feedback, actual = self.interlock, self._asked, self.feedback, self._actual
@@ -135,7 +135,7 @@ class SpeedExecutor(Executor):
         # Without a demand value the difference would be large.
         if -self._tolerance <= feedback.velocity_actual - feedback.velocity_demand <= self._tolerance:
             flags |= Flag.WITHIN_TOLERANCE
-        return Report(reason, flags, 0 if actual is None else actual.to_wire(feedback.velocity_actual))
+        return self.report.fill(reason, flags, 0 if actual is None else actual.to_wire(feedback.velocity_actual))
 
     def speeds(self) -> tuple[int, int]:
         target, slowest = self.command.target_velocity, self.slowest

@@ -11,17 +11,21 @@ import pytest
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.gateway.axis.executors import speed as speed_executor
+from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.file import simulated
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame, Parser, RingReader
+from pdgw.gateway.trace.step_reader import Step
 from pdgw.gateway.trace.steps import EVENTS
 from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.frame import STATUS_RUN
+from pdgw.tools.decoder import step_replay
 from pdgw.tools.decoder.step_replay import Replayed, replay
 from pdgw.tools.decoder.timeline.text import entry_lines
 from pdgw.tools.recording.recordings import replayed
@@ -50,6 +54,22 @@ def test_a_kept_recording_is_equal(name: str, tmp_path: Path) -> None:
     results = kept_replay(name, tmp_path)
     assert not differences(results)
     assert all(result.steps > 200 for result in results)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_no_step_depends_on_the_report_before(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The axis has one record for all of its reports."""
+    begin = step_replay._Object._give
+
+    def give(each: step_replay._Object, step: Step) -> None:
+        begin(each, step)
+        if isinstance(each._machine, AxisMachine):
+            report = each._machine.executor.report
+            report.fill_motion(Reason.NO_CONTROL, -1, 77, 78, 79, 80, (81, 82))
+            report.raw = (83,) * 12
+
+    monkeypatch.setattr(step_replay._Object, "_give", give)
+    assert not differences(kept_replay(name, tmp_path))
 
 
 FOUND = {

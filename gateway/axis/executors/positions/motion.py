@@ -241,7 +241,7 @@ class MotionExecutor(Executor):
         self._seen.bits = 0
         self.command.controlword = self.interlock.controlword
         self.positioner.step(NOTHING, self.inputs.now)
-        return Report(self.interlock.reason)
+        return self.report.fill_motion(self.interlock.reason)
 
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)

@@ -153,7 +153,7 @@ class PositionerExecutor(MotionExecutor):
     def refuse(self) -> Report:
         super().refuse()
         positioner = self._basic
-        return Report(
+        return self.report.fill_motion(
             self.interlock.reason, position=positioner.position, positioner=positioner.words(0, reached=False)
         )
 
@@ -184,7 +184,7 @@ class PositionerExecutor(MotionExecutor):
     def step(self) -> Report:
         units, conversion, reason = self._units, self._speed, self.interlock.reason
         if units is None or conversion is None:
-            return Report(reason)
+            return self.report.fill_motion(reason)
         positioner, feedback, outputs = self._basic, self.feedback, self.outputs
         course, before = positioner.course, positioner.course.warning
         why = self._cycle()
@@ -213,7 +213,7 @@ class PositionerExecutor(MotionExecutor):
         speed = conversion.to_wire(feedback.velocity_actual)
         length_speed = units.to_length_speed(feedback.velocity_actual)
         words = positioner.words(speed, reached=reached)
-        return Report(reason, flags, speed, positioner.position, length_speed, positioner=words)
+        return self.report.fill_motion(reason, flags, speed, positioner.position, length_speed, positioner=words)
 
     def _warn(self, warning: Reason | None) -> None:
         """Report another warning of the positioner once; it is shown while it is active. An edge that started nothing is none."""

@@ -65,7 +65,7 @@ class PositioningExecutor(MotionExecutor):
     def step(self) -> Report:
         scaling, reason = self._scaling, self.interlock.reason
         if scaling is None:
-            return Report(reason)
+            return self.report.fill_motion(reason)
         self._cycle()
         mdi = self._mdi
         request, homes = mdi.request, mdi.state is _HOMING
@@ -86,7 +86,9 @@ class PositioningExecutor(MotionExecutor):
             enabled = self.interlock.cell.action in _ENABLED
             self._active = enabled and self._asked.connected and request.commands & _MDI_SELECTED != 0
         active = self.homing.method & _ACTUAL_METHOD | (_MDI_ACTIVE if self._active else 0)
-        return Report(reason, flags, position=scaling.position.to_wire(self.feedback.position_actual), active=active)
+        return self.report.fill_motion(
+            reason, flags, position=scaling.position.to_wire(self.feedback.position_actual), active=active
+        )
 
     # -- requests of the positioner --------------------------------------------------------------------------------------
 
