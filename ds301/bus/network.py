@@ -33,6 +33,7 @@ from pdgw.ds301.communication import (
 )
 from pdgw.ds301.loop.jobs import Turns
 from pdgw.ds301.loop.loop import Loop, Timer
+from pdgw.ds301.pdo import PdoReceiver
 
 log = logging.getLogger("gateway")
 
@@ -68,8 +69,16 @@ _WORKING_NS: Final = 50 * MS
 """An interface that is down can be opened and is lost in the next turn: minimum time for a successful opening."""
 
 
+class _PdoCalls(PdoReceiver):
+    def __init__(self, callback: PdoCallback) -> None:
+        self._callback = callback
+
+    def receive(self, data: bytes, now: int) -> None:
+        self._callback(data, now)
+
+
 class FrameTap:
-    """Takes every frame. A class, because a compiled call of a method is the cheapest."""
+    """Takes every frame; a class as ``PdoReceiver``."""
 
     def frame(self, can_id: int, data: bytes, time_ns: int) -> None:
         """A frame that was sent or received; ``can_id`` with the flags of SocketCAN."""
@@ -126,7 +135,7 @@ class CanNetwork(Receiver):
         self._frames = FrameQueue(self.put)
         """SDO requests and SYNC."""
         self._refused_at = 0
-        self._pdos: dict[int, PdoCallback] = {}
+        self._pdos: dict[int, PdoReceiver] = {}
         self._subscribers: dict[int, list[PdoCallback]] = {}
         self.nodes_seen: set[int] = set()
         """Node-IDs that have sent a heartbeat or a boot-up message."""
@@ -193,9 +202,9 @@ class CanNetwork(Receiver):
             self._port.close()
             self._port = None
 
-    def subscribe_pdo(self, cob_id: int, callback: PdoCallback) -> None:
-        """Route frames of this COB-ID to ``callback`` only."""
-        self._pdos[cob_id] = callback
+    def subscribe_pdo(self, cob_id: int, receiver: PdoReceiver | PdoCallback) -> None:
+        """Route frames of this COB-ID to ``receiver`` only."""
+        self._pdos[cob_id] = receiver if isinstance(receiver, PdoReceiver) else _PdoCalls(receiver)
 
     def unsubscribe_pdo(self, cob_id: int) -> None:
         """End a subscription; a missing one is not an error."""
@@ -454,9 +463,9 @@ class CanNetwork(Receiver):
             self.tap.frame(can_id, data, now)
         if self.listeners:
             self._notify_listeners(can_id, data, is_rx=True)
-        callback = self._pdos.get(can_id)
-        if callback is not None:
-            callback(data, now)
+        receiver = self._pdos.get(can_id)
+        if receiver is not None:
+            receiver.receive(data, now)
             return
         if can_id > ERROR_CONTROL and can_id & _FUNCTION == ERROR_CONTROL:
             self.nodes_seen.add(can_id - ERROR_CONTROL)

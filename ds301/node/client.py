@@ -47,7 +47,7 @@ from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.polling import POLL_NS, Polling
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
-from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, pdo_of
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, PdoReceiver, pdo_of
 
 log = logging.getLogger("gateway")
 
@@ -510,11 +510,11 @@ class NodeClient(abc.ABC, Generic[S]):
         """Whether the data sheet has an object; the built-in ones do not have everything."""
         return self.settings.eds is None or index in self.sdo.dictionary
 
-    def _receiver(self, slot: TpdoSlot) -> PdoCallback:
+    def _receiver(self, slot: TpdoSlot) -> PdoReceiver | PdoCallback:
         """What takes the frames of a TPDO. Only one on SYNC has a second one: the others are also sent on change."""
         second = slot.second
         if second is None:
-            return slot.receive
+            return slot
 
         def receive(data: bytes, now: int) -> None:
             second.see(self.network.syncs)

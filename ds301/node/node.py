@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pdgw.base.durations import MS
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
-from pdgw.ds301.pdo import Pdo
+from pdgw.ds301.pdo import Pdo, PdoReceiver
 
 
 class NodeStatus(enum.Enum):
@@ -102,7 +102,7 @@ class NodeNotice:
     by: Loss | None = None
 
 
-class TpdoSlot:
+class TpdoSlot(PdoReceiver):
     """The newest frame of one TPDO and the image its values go to, in the next cycle."""
 
     def __init__(self, pdo: Pdo, image: object, cob_id: int, *, watched: bool) -> None:
@@ -113,6 +113,8 @@ class TpdoSlot:
         self.watched = watched
         """Silence is a loss."""
         self.data: bytes | None = None
+        self.compared = False
+        """``changed`` is still in use, which takes longer than all else of a frame."""
         self.changed = 0
         """Bits that differed between two frames, little-endian."""
         self.taken: bytes | None = None
@@ -133,7 +135,8 @@ class TpdoSlot:
             return
         before, self.data = self.data, data
         if before is not None and data != before:
-            self.changed |= int.from_bytes(data, "little") ^ int.from_bytes(before, "little")
+            if self.compared:
+                self.changed |= int.from_bytes(data, "little") ^ int.from_bytes(before, "little")
             if self.jumps is not None:
                 self.jumps.see(data, now)
         self.time = now

@@ -78,6 +78,7 @@ class TpdoCheck:
                 end = begin + entry.type.bits // 8
                 if entry.attribute in _MOTION:
                     self._places.append(Place(slot, entry, begin, end))
+                    slot.compared = True
                 begin = end
         self._due = self._sdo.loop.now() + _PERIOD_NS
         self.dropped = ""
@@ -101,6 +102,7 @@ class TpdoCheck:
                     held = self._sdo.read(*entry.address)
             if held is None or place.confirmed:
                 self._places.remove(place)
+                place.slot.compared = any(other.slot is place.slot for other in self._places)
             elif place.compare(held, self._sdo.loop.now()):
                 self._mapping.drop(entry.address)
                 shown, there = (int.from_bytes(data, "little") for data in (place.shown, held))

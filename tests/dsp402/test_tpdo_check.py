@@ -77,6 +77,16 @@ def test_value_seen_once_between_two_checks_is_accepted_from_then_on() -> None:
     drive.run(10, standing)
     assert not drive.dropped
     assert not drive.check.is_due(drive.time + SECOND), "nothing is read any more"
+    assert not drive.slot.compared
+
+
+def test_object_that_changes_after_another_one_of_its_tpdo_is_accepted() -> None:
+    drive = Drive(BOTH)
+    drive.run(3, bytes(8), TURNS + STOPPED)
+    drive.run(0.08, STOPPED + TURNS)
+    drive.objects[VELOCITY] = b"\2\0\0\0"
+    drive.run(3, bytes(8))
+    assert not drive.dropped
 
 
 def test_next_bring_up_checks_again() -> None:
