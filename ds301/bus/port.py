@@ -32,7 +32,9 @@ from pdgw.ds301.bus.interfaces import system_text
 from pdgw.ds301.loop.arrivals import ANCILLARY, Arrivals
 from pdgw.ds301.loop.loop import Loop, Timer
 
-_pack_frame, _unpack_frame, _FRAME_SIZE = CAN_FRAME.pack, CAN_FRAME.unpack, CAN_FRAME.size
+_pack_frame: Final = CAN_FRAME.pack
+_unpack_frame: Final = CAN_FRAME.unpack
+_FRAME_SIZE: Final = CAN_FRAME.size
 _AT_ONCE: Final = 64
 """Frames taken in one turn of the loop: a flood on one bus must not keep the others waiting."""
 _WAITING: Final = 256
@@ -139,6 +141,7 @@ class SocketPort(CanPort):
         self._loop = loop
         self._bus = bus
         self._socket = bus.socket
+        self._send, self._receive = self._socket.send, self._socket.recv
         self._channel: object = getattr(bus, "channel", None)
         self._socket.setblocking(False)
         if self._socket.family == _AF_CAN:
@@ -154,7 +157,7 @@ class SocketPort(CanPort):
 
     def send(self, can_id: int, data: bytes) -> None:
         try:
-            self._socket.send(_pack_frame(can_id, len(data), data))
+            self._send(_pack_frame(can_id, len(data), data))
         except BlockingIOError as error:
             self._loop.add_writer(self._socket.fileno(), self._has_room)
             raise PortBusyError from error
@@ -177,7 +180,7 @@ class SocketPort(CanPort):
     def _read(self) -> None:
         """One frame: the loop asks for the next one, of all buses in one call; a socket that has none takes longer to say so."""
         try:
-            frame = self._socket.recv(FD_FRAME_SIZE)
+            frame = self._receive(FD_FRAME_SIZE)
         except BlockingIOError:
             return
         except OSError as error:
@@ -209,6 +212,9 @@ class SocketPort(CanPort):
         receiver = self._receiver
         # An interface with fd = true also delivers CAN FD frames, which CANopen does not use.
         if len(frame) == _FRAME_SIZE and receiver is not None:
+            can_id: int
+            length: int
+            data: bytes
             can_id, length, data = _unpack_frame(frame)
             deliver(receiver, can_id, data if length >= 8 else data[:length], now)
 
