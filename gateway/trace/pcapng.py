@@ -47,8 +47,10 @@ _CUSTOM: Final = ">IIIcxxxI"
 CUSTOM_HEAD: Final = struct.Struct(_CUSTOM)
 """Kind, length of the block, enterprise; then kind and length of the content."""
 _TAIL: Final = struct.Struct(">I")
-CAN_PACKET: Final = struct.Struct(">12sQ16s8sI")
-"""``CAN_HEAD``, time, ``CAN_MIDDLE``, data, length of the block."""
+CAN_PACKET: Final = struct.Struct(">12sQ16s8s4s")
+"""``CAN_HEAD``, time, ``CAN_MIDDLE``, data, ``CAN_TAIL``."""
+CAN_TAIL: Final = _TAIL.pack(CAN_PACKET.size)
+"""Length of the block."""
 CAN_HEAD: Final = struct.Struct(">III")
 """Kind, length of the block, interface."""
 CAN_MIDDLE: Final = struct.Struct(">IIIBxxx")

@@ -50,7 +50,7 @@ _MODE: Final = 0o440
 """No other program opens a segment for writing by mistake; the gateway has it open already."""
 _FOLDER_MODE: Final = 0o750
 _PACK_CAN: Final = pcapng.CAN_PACKET.pack
-_CAN_PACKET: Final = pcapng.CAN_PACKET.size
+_CAN_TAIL: Final = pcapng.CAN_TAIL
 _CAN_FRAME: Final = 16
 _MIDDLES: Final = 4096
 """Limit of the memory for them: any device may send all extended identifiers."""
@@ -62,7 +62,7 @@ class _BusTap(FrameTap):
     """Records the frames of a bus as blocks, and their times."""
 
     def __init__(self, bus: int, blocks: list[bytes], times: list[int]) -> None:
-        self._head = pcapng.CAN_HEAD.pack(pcapng.PACKET, _CAN_PACKET, bus)
+        self._head = pcapng.CAN_HEAD.pack(pcapng.PACKET, pcapng.CAN_PACKET.size, bus)
         self._middles: dict[int, bytes] = {}
         """By identifier and size: packing them for each frame takes longer."""
         self._blocks = blocks
@@ -79,7 +79,7 @@ class _BusTap(FrameTap):
                 middles.clear()
             middle = middles[key] = pcapng.CAN_MIDDLE.pack(_CAN_FRAME, _CAN_FRAME, can_id, size)
         self._times.append(time_ns)
-        self._blocks.append(_PACK_CAN(self._head, time_ns + self.wall, middle, data, _CAN_PACKET))
+        self._blocks.append(_PACK_CAN(self._head, time_ns + self.wall, middle, data, _CAN_TAIL))
 
 
 class FlightRecorder:
