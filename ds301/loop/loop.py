@@ -137,7 +137,7 @@ class Loop(abc.ABC):
             lambda: self.task_errors,
         )
         self._timers: list[tuple[int, int, Timer]] = []
-        self._number = 0
+        self._number = self._added = 0
         self._slices: deque[Callable[[], None]] = deque()
         self._slice_due = True
         self.expected = 0
@@ -201,7 +201,8 @@ class Loop(abc.ABC):
     def _add(self, timer: Timer) -> None:
         timers = self._timers
         self._number += 1
-        if not self._number % _CLEAN_UP:
+        self._added += 1
+        if not self._added % _CLEAN_UP:
             timers[:] = [item for item in timers if item[2].action is not None]
             heapq.heapify(timers)
         heapq.heappush(timers, (timer.when, self._number, timer))
@@ -280,8 +281,8 @@ class Loop(abc.ABC):
             if timer.action is None:
                 heapq.heappop(timers)
             elif timer.when > when:
-                heapq.heappop(timers)
-                self._add(timer)
+                self._number += 1
+                heapq.heapreplace(timers, (timer.when, self._number, timer))
             else:
                 return when
         return None
@@ -469,7 +470,7 @@ class SystemLoop(Loop):
             ready.sort(key=lambda item: item[0] not in self._urgent)
         for descriptor, state in ready:
             # An error of one action must not end the supervision of another.
-            if state & ~WRITABLE and (action := self._readers.get(descriptor)) is not None:
+            if state != WRITABLE and (action := self._readers.get(descriptor)) is not None:
                 action()
             if state & WRITABLE and (action := self._writers.get(descriptor)) is not None:
                 action()

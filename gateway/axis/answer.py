@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from typing import Final
 
 
 class _Shown(enum.Enum):
@@ -13,7 +14,9 @@ class _Shown(enum.Enum):
     ANSWER = "the answer, in the last word"
 
 
-_NOTHING, _OTHER, _ANSWER = _Shown
+_NOTHING: Final = _Shown.NOTHING
+_OTHER: Final = _Shown.OTHER
+_ANSWER: Final = _Shown.ANSWER
 
 
 class Answer:

@@ -67,7 +67,10 @@ class _Connection(enum.Enum):
     REPORTED = "lost: what waited in the socket at this reading is older"
 
 
-_NONE, _CONNECTED, _LOST, _REPORTED = _Connection
+_NONE: Final = _Connection.NONE
+_CONNECTED: Final = _Connection.CONNECTED
+_LOST: Final = _Connection.LOST
+_REPORTED: Final = _Connection.REPORTED
 
 
 def control_mask(half: TelegramHalf) -> bytes:

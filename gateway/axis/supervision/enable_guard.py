@@ -29,7 +29,10 @@ class _Request(enum.Enum):
     USED = "operation, commanded"
 
 
-_LOCKED, _RELEASED, _GRANTED, _USED = _Request
+_LOCKED: Final = _Request.LOCKED
+_RELEASED: Final = _Request.RELEASED
+_GRANTED: Final = _Request.GRANTED
+_USED: Final = _Request.USED
 
 
 class EnableGuard:
