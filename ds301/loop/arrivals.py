@@ -45,6 +45,8 @@ class Arrivals:
         _, kind, data = ancillary[0]
         if kind != SO_TIMESTAMPNS or len(data) != _TIMESPEC.size:
             return None
+        seconds: int
+        nanoseconds: int
         seconds, nanoseconds = _TIMESPEC.unpack(data)
         stamp = seconds * SECOND + nanoseconds
         self._earliest = min(latest, arrival(stamp, time.time_ns(), self._loop.now(), self._earliest))

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
 from typing import Protocol
 
 import can
@@ -14,7 +13,7 @@ import can
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.port import CanPort, open_port
 from pdgw.ds301.loop.loop import Loop, SystemLoop
-from pdgw.gateway.base.udp import Address, UdpSocket
+from pdgw.gateway.base.udp import DatagramPort, UdpSocket
 
 
 class CanInterface(Protocol):
@@ -31,39 +30,6 @@ class CanInterface(Protocol):
 
     @property
     def extra(self) -> dict[str, object]: ...
-
-
-class DatagramPort(Protocol):
-    """A bound UDP port."""
-
-    errors: int
-    """Datagrams that could not be sent or received."""
-
-    @property
-    def address(self) -> Address:
-        """The address that it listens on."""
-
-    def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
-        """Call ``action`` in the loop whenever datagrams wait."""
-
-    def pause(self) -> None:
-        """Do not call it until the next ``start``; data waits in the buffer until then."""
-
-    def only_from(self, sender: Address | None) -> None:
-        """Drop nearly all datagrams of other senders if possible; None: accept all again."""
-
-    def receive(self) -> tuple[bytes, Address] | None:
-        """The next datagram that waits, or None."""
-
-    @property
-    def received_at(self) -> int | None:
-        """Arrival time of the last datagram of ``receive``, by the loop's clock; None if unknown."""
-
-    def send(self, data: bytes | bytearray, address: Address) -> None:
-        """Send without waiting; data that is not accepted is counted and lost."""
-
-    def close(self) -> None:
-        """Release the port."""
 
 
 class Platform(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import sys
 from collections.abc import Callable
-from typing import Final
+from typing import Final, Protocol
 
 from pdgw.ds301.loop.arrivals import ANCILLARY, SO_TIMESTAMPNS, Arrivals
 from pdgw.ds301.loop.loop import Loop
@@ -16,7 +16,39 @@ Address = tuple[str, int]
 _MAXIMUM_DATAGRAM: Final = 2048
 
 
-class UdpSocket:
+class DatagramPort(Protocol):
+    """A bound UDP port."""
+
+    errors: int
+    """Datagrams that could not be sent or received."""
+
+    received_at: int | None
+    """Arrival time of the last datagram of ``receive``, by the loop's clock; None if unknown."""
+
+    @property
+    def address(self) -> Address:
+        """The address that it listens on."""
+
+    def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
+        """Call ``action`` in the loop whenever datagrams wait."""
+
+    def pause(self) -> None:
+        """Do not call it until the next ``start``; data waits in the buffer until then."""
+
+    def only_from(self, sender: Address | None) -> None:
+        """Drop nearly all datagrams of other senders if possible; None: accept all again."""
+
+    def receive(self) -> tuple[bytes, Address] | None:
+        """The next datagram that waits, or None."""
+
+    def send(self, data: bytes | bytearray, address: Address) -> None:
+        """Send without waiting; data that is not accepted is counted and lost."""
+
+    def close(self) -> None:
+        """Release the port."""
+
+
+class UdpSocket(DatagramPort):
     """A bound UDP socket; GatewayError names address and port if it cannot be opened."""
 
     def __init__(self, loop: Loop, listen: str, port: int, purpose: str) -> None:
@@ -34,7 +66,6 @@ class UdpSocket:
             except OSError:
                 pass  # the kernel does not support it
         self.received_at: int | None = None
-        """Monotonic time of the datagram received last, None without time stamps."""
         self.errors = 0
         """ICMP and send errors: the peer is not there just now."""
 

@@ -194,7 +194,7 @@ class CyclicEndpoint:
         self._controls = 0
         self.changed = False
         """The newest frame has other control words, IOPS or provider state than the one before: the axes step before the next."""
-        self.setpoints: list[tuple[int, ...] | None] = [None] * len(telegrams)
+        self.setpoints: list[Sequence[int] | None] = [None] * len(telegrams)
         self.peer: Address | None = None
         """Source and target of frames; kept after a loss, so that the PLC sees the axes stop and gets a tick."""
         self._runs = False

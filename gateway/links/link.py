@@ -12,9 +12,8 @@ from typing import Final, Protocol
 
 from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.base.platform import DatagramPort
 from pdgw.gateway.base.reasons import Finding
-from pdgw.gateway.base.udp import Address
+from pdgw.gateway.base.udp import Address, DatagramPort
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.cyclic import USUAL, CyclicEndpoint
 from pdgw.gateway.links.frame_places import FramePlaces
@@ -123,13 +122,11 @@ class Link(LinkState, LinkLayout, Protocol):
     log_event: Callable[[str], object]
     """Called with the text when a PLC connects or is lost."""
 
-    @property
-    def setpoints(self) -> Sequence[Sequence[int] | None]:
-        """The raw values of each drive object, None while it has no valid PLC."""
+    setpoints: list[Sequence[int] | None]
+    """The raw values of each drive object, None while it has no valid PLC."""
 
-    @property
-    def more(self) -> bool:
-        """Whether more data may wait after the last ``receive``."""
+    more: bool
+    """Whether more data may wait after the last ``receive``."""
 
     @property
     def takes_together(self) -> bool:
@@ -157,7 +154,7 @@ class Link(LinkState, LinkLayout, Protocol):
         """Close its ports."""
 
 
-class UdpLink:
+class UdpLink(Link):
     """Cyclic frames over UDP. ``tick_offset``: a random number, another one with each start (``NewFrames``)."""
 
     takes_together = False
@@ -175,6 +172,7 @@ class UdpLink:
         self._cycle_ns = int(transport.cycle_time_ms * MS)
         self._tick_offset = tick_offset
         self.endpoint = self._endpoint(telegrams)
+        self.setpoints = self.endpoint.setpoints
         self.skipped = 0
         self._received_at = 0
         self.more = True
@@ -218,10 +216,6 @@ class UdpLink:
     def peer_host(self) -> str | None:
         address = self.endpoint.peer
         return address[0] if address and self.connected else None
-
-    @property
-    def setpoints(self) -> Sequence[Sequence[int] | None]:
-        return self.endpoint.setpoints
 
     def start(self, action: Callable[[], None]) -> None:
         # Discard frames received since the port was opened: they are old, and would be reported as a loss at the start.
@@ -288,7 +282,7 @@ class UdpLink:
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         endpoint = self._endpoint(telegrams)
         endpoint.continue_from(self.endpoint)
-        self.endpoint = endpoint
+        self.endpoint, self.setpoints = endpoint, endpoint.setpoints
         self.layout_token = object()
         self._listen_to(None)
 

@@ -24,6 +24,7 @@ from pdgw.gateway.base.identity import build_text
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.run_directory import PREVIOUS, SUFFIX, locked
 from pdgw.gateway.configuration.file import public_config
+from pdgw.gateway.service.cycle_times import CycleListener
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.steps import StepRecord, step_record, to_json
 from pdgw.profidrive.frame import CYCLIC_PORT
@@ -82,7 +83,7 @@ class _BusTap(FrameTap):
         self._blocks.append(_PACK_CAN(self._head, time_ns + self.wall, middle, data, _CAN_TAIL))
 
 
-class FlightRecorder:
+class FlightRecorder(CycleListener):
     """Records until ``stop``; GatewayError from the constructor when the folder cannot be made."""
 
     def __init__(self, daemon: RunningGateway, directory: Path, name: str) -> None:

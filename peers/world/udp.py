@@ -29,7 +29,7 @@ class Conditions:
 
 
 class SimulatedUdpPort:
-    """A bound port: a ``gateway.base.platform.DatagramPort``."""
+    """A bound port: a ``gateway.base.udp.DatagramPort``."""
 
     def __init__(self, network: SimulatedNetwork, address: Address) -> None:
         self.errors = 0

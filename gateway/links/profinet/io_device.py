@@ -24,7 +24,7 @@ from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.links.cyclic import RepeatedLosses
 from pdgw.gateway.links.frame_places import FramePlaces
-from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, discard_waiting, is_punctual, silence, watch_calls
+from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, Link, discard_waiting, is_punctual, silence, watch_calls
 from pdgw.gateway.links.profinet import findings
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
@@ -63,7 +63,7 @@ class Served(Diagnosed, Protocol):
     telegram: Telegram
 
 
-class ProfinetLink:
+class ProfinetLink(Link):
     """``Link`` over PROFINET. Records are served once ``serve_records`` has named who does it."""
 
     def __init__(

@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import Loop, Timer
-from pdgw.gateway.base.platform import DatagramPort
-from pdgw.gateway.base.udp import Address
+from pdgw.gateway.base.udp import Address, DatagramPort
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import Telegram
 
