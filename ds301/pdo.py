@@ -10,9 +10,8 @@ import enum
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
-from types import CodeType
-from typing import Any, Final, Self
+from operator import attrgetter
+from typing import Final, Self
 
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.objects import Entry, ObjectAddress
@@ -104,27 +103,9 @@ def pdo_of(index: int) -> tuple[PdoDirection, int]:
     return direction, index - first + 1
 
 
-_CODEC = """
-def pack(image):
-    return pack_values({values})
-
-def unpack_into(data, image):
-    if len(data) < size:
-        too_short(data)
-    {values}, = unpack_values(data)
-"""
-"""Called for each PDO in every cycle: attributes named one by one cost a third of a loop over their names."""
-
-
-@cache
-def _compiled(attributes: tuple[str, ...]) -> CodeType:
-    """The codec of entries with these attributes: a device's PDOs are mapped again at each start, mostly the same ones."""
-    return compile(_CODEC.format(values=", ".join(f"image.{name}" for name in attributes)), "<PDO>", "exec")
-
-
 @dataclass(frozen=True)
 class Pdo:
-    """One PDO: direction, number (1 = first) and mapped entries, with the codec compiled from them.
+    """One PDO: direction, number (1 = first) and mapped entries, with their codec.
 
     ``pack`` reads the entries' attributes from an image object, ``unpack_into`` writes them to one. Entries without attribute
     are sent as zeros and not looked at.
@@ -136,10 +117,8 @@ class Pdo:
     struct: struct.Struct = field(init=False, repr=False, compare=False)
     size: int = field(init=False)
     attributes: tuple[str, ...] = field(init=False, repr=False)
-    pack: Callable[[object], bytes] = field(init=False, repr=False, compare=False)
-    """The PDO's bytes from an image's attributes."""
-    unpack_into: Callable[[bytes | bytearray, object], None] = field(init=False, repr=False, compare=False)
-    """Write the PDO's values to an image; CanopenError when the data is shorter than the mapping."""
+    _values: Callable[[object], tuple[int, ...]] = field(init=False, repr=False, compare=False)
+    """Those of an image's attributes."""
 
     def __post_init__(self) -> None:
         # Objects without an attribute are not used: a dummy, or a fixed part of a mapping.
@@ -152,21 +131,24 @@ class Pdo:
             raise CanopenError(
                 str(self), ", ".join(map(str, self.entries)), "objects whose values have a name in the images"
             )
-        names: dict[str, Any] = {
-            "pack_values": layout.pack,
-            "unpack_values": layout.unpack_from,
-            "size": layout.size,
-            "too_short": self._too_short,
-        }
-        exec(_compiled(attributes), names)
+        first, read = attributes[0], attrgetter(*attributes)
         object.__setattr__(self, "struct", layout)
         object.__setattr__(self, "size", layout.size)
         object.__setattr__(self, "attributes", attributes)
-        object.__setattr__(self, "pack", names["pack"])
-        object.__setattr__(self, "unpack_into", names["unpack_into"])
+        object.__setattr__(self, "_values", read if attributes[1:] else lambda image: (getattr(image, first),))
 
-    def _too_short(self, data: bytes | bytearray) -> None:
-        raise CanopenError(f"{self} length", len(data), f"{self.size} bytes")
+    def pack(self, image: object) -> bytes:
+        """The PDO's bytes from an image's attributes."""
+        return self.struct.pack(*self._values(image))
+
+    def unpack_into(self, data: bytes | bytearray, image: object) -> None:
+        """Write the PDO's values to an image; CanopenError when the data is shorter than the mapping."""
+        try:
+            values = self.struct.unpack_from(data)
+        except struct.error:
+            raise CanopenError(f"{self} length", len(data), f"{self.size} bytes") from None
+        for name, value in zip(self.attributes, values):  # noqa: B905 - ``strict`` has its price in every cycle
+            setattr(image, name, value)
 
     def __str__(self) -> str:
         return f"{self.direction.label}{self.number}"

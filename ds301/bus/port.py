@@ -216,7 +216,12 @@ class SocketPort(CanPort):
             length: int
             data: bytes
             can_id, length, data = _unpack_frame(frame)
-            deliver(receiver, can_id, data if length >= 8 else data[:length], now)
+            if length < 8:
+                data = data[:length]
+            if can_id & _FLAGS:
+                deliver(receiver, can_id, data, now)
+            else:
+                receiver.on_frame(can_id, data, now)
 
     def _lost(self, text: str) -> None:
         receiver = self._receiver

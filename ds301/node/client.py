@@ -316,7 +316,7 @@ class NodeClient(abc.ABC, Generic[S]):
             if data is not slot.taken:
                 slot.taken = data
                 if data is not None:
-                    slot.unpack_into(data, slot.image)
+                    slot.pdo.unpack_into(data, slot.image)
             if slot.time < oldest and slot.watched:
                 fresh = False
         return fresh
@@ -768,10 +768,11 @@ class NodeClient(abc.ABC, Generic[S]):
             return self._by_other_master() or f"node {self.settings.node_id} restarted"
         if self.sdo.doubles.proof:
             return str(self.sdo.two_devices())
-        heartbeat, silence = self.heartbeat, now - self.received_ns
+        heartbeat = self.heartbeat
         overdue = [slot for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots)
-        if (overdue or lost) and heartbeat.expected and silence > self.settings.heartbeat_ms * MS:
+        quiet = self.settings.heartbeat_ms * MS
+        if (overdue or lost) and heartbeat.expected and now - self.received_ns > quiet:
             return "silent: neither heartbeats nor TPDOs"
         if lost:
             return lost

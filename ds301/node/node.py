@@ -107,7 +107,6 @@ class TpdoSlot(PdoReceiver):
 
     def __init__(self, pdo: Pdo, image: object, cob_id: int, *, watched: bool) -> None:
         self.pdo = pdo
-        self.unpack_into = pdo.unpack_into
         self.image = image
         self.cob_id = cob_id
         self.watched = watched

@@ -189,10 +189,10 @@ class RpdoSender:
         sent = not withheld and self._put(self.control, self.control.pdo.pack(command), now)
         if sent and command.controlword & _NEW_SETPOINT:
             self._set_point_sent = True
-        is_whole = sent and self.all_sent and not self._paused
-        self.sent_ns = now if is_whole and command.controlword == asked and command.target_velocity == speed else 0
-        command.controlword = asked
-        command.target_velocity = speed
+        self.sent_ns = now if sent and self.all_sent and not self._paused else 0
+        if command.controlword != asked or command.target_velocity != speed:
+            self.sent_ns = 0
+            command.controlword, command.target_velocity = asked, speed
         self.motion_asked = speed != 0 or self._set_point_sent
         return self.all_sent
 

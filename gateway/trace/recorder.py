@@ -73,12 +73,13 @@ class _BusTap(FrameTap):
 
     def frame(self, can_id: int, data: bytes, time_ns: int) -> None:
         size = len(data)
-        middles, key = self._middles, can_id << 4 | size
-        middle = middles.get(key)
-        if middle is None:
-            if len(middles) >= _MIDDLES:
-                middles.clear()
-            middle = middles[key] = pcapng.CAN_MIDDLE.pack(_CAN_FRAME, _CAN_FRAME, can_id, size)
+        key = can_id << 4 | size
+        try:
+            middle = self._middles[key]
+        except KeyError:
+            if len(self._middles) >= _MIDDLES:
+                self._middles.clear()
+            middle = self._middles[key] = pcapng.CAN_MIDDLE.pack(_CAN_FRAME, _CAN_FRAME, can_id, size)
         self._times.append(time_ns)
         self._blocks.append(_PACK_CAN(self._head, time_ns + self.wall, middle, data, _CAN_TAIL))
 
