@@ -28,12 +28,27 @@ def _refuse_repeats(command: Any, ctx: Any, args: list[str]) -> None:
         seen.add(str(option.name))
 
 
+def _convert_texts_only(option: Any) -> None:
+    """Leave a default as it is: typer loads pydantic to convert a value, also None."""
+    convert = option.process_value
+
+    def process(ctx: Any, value: Any) -> Any:
+        several = option.multiple or option.nargs != 1
+        if several or option.required or option.callback is not None or isinstance(value, str):
+            return convert(ctx, value)
+        return value
+
+    option.process_value = process
+
+
 def _plain_flags(options: list[Any]) -> list[Any]:
     """Remove the type that typer prints after a flag in the help, and make a flag that is not given False.
 
-    Typer's own flags (``--help``) are None by default, and typer loads pydantic to convert a None.
+    Typer's own flags (``--help``) are None by default.
     """
     for option in options:
+        if "process_value" not in vars(option):
+            _convert_texts_only(option)
         if isinstance(option, TyperOption) and option.is_flag:
             option.metavar = ""
             option.default = option.default or False

@@ -1,8 +1,9 @@
-"""Values of the configuration that others use without loading it."""
+"""Values and example of the configuration that others use without loading it."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Final
 
 STATUS_PORT: Final = 34965
@@ -46,3 +47,8 @@ class Trigger(StrEnum):
     """A new fault of a drive object."""
     STOP = "stop"
     """An axis leaves operation without an OFF of the PLC, or the gateway ends without its stop sequence."""
+
+
+def example() -> str:
+    """A commented configuration that is itself valid: ``example.toml`` beside this module."""
+    return Path(__file__).with_name("example.toml").read_text(encoding="utf-8")

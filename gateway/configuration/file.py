@@ -1,4 +1,4 @@
-"""The configuration as a file: read, with errors that name line and key, and written again. And its commented examples."""
+"""The configuration as a file: read, with errors that name line and key, and written again."""
 
 from __future__ import annotations
 
@@ -26,12 +26,6 @@ from pdgw.gateway.configuration.defaults import SIMULATED_BLOCKS, SIMULATED_ENCO
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.toml_file import parse_toml, problem_text, read_text, toml_text
 from pdgw.gateway.configuration.web import MqttConfig, WebConfig
-
-
-def example() -> str:
-    """A commented configuration that is itself valid: ``example.toml`` beside this module."""
-    return Path(__file__).with_name("example.toml").read_text(encoding="utf-8")
-
 
 SIMULATED_WATCHDOG_FACTOR = 250
 """Cycles without a frame until the PLC is lost, where nothing real moves: a busy laptop holds a program up for some 0.1 s."""

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.configuration.file import config_text, example, parse_config, simulated
+from pdgw.gateway.configuration.defaults import example
+from pdgw.gateway.configuration.file import config_text, parse_config, simulated
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.tools.commands.capture.decode import decode

@@ -33,9 +33,10 @@ from pdgw.gateway.base.identity import DEVICE_ID, VENDOR_ID
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.check import references_wrong
 from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.defaults import example
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.configuration.environment import TraceConfig, TransportConfig
-from pdgw.gateway.configuration.file import example, load_config, parse_config, simulated
+from pdgw.gateway.configuration.file import load_config, parse_config, simulated
 from pdgw.gateway.configuration.positioner_config import BlockConfig, PositionerConfig
 from pdgw.gateway.configuration.web import MqttConfig, WebConfig
 from pdgw.peers.drive.objects import EDS_PATH

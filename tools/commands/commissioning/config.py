@@ -24,7 +24,7 @@ app = typer.Typer(help="Print an example configuration, or check a file.", no_ar
 @app.command()
 def example() -> None:
     """Print a commented configuration."""
-    from pdgw.gateway.configuration.file import example as example_text
+    from pdgw.gateway.configuration.defaults import example as example_text
 
     typer.echo(example_text(), nl=False)
 
