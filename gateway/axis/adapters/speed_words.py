@@ -33,8 +33,8 @@ class SpeedAdapter(ControlWordAdapter):
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         self._asked = SpeedDemand()
         super().__init__(telegram, settings, self._asked)
-        setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints)
-        actual, self._actual_factor = _speed_signal(telegram.actuals)
+        setpoint, self._setpoint_shift = _speed_signal(telegram.setpoints)
+        actual, self._actual_shift = _speed_signal(telegram.actuals)
         self._setpoint, self._actual = self.setpoint(setpoint), self.actual(actual)
         self._torque = self.setpoint("MOMRED")
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
@@ -46,7 +46,7 @@ class SpeedAdapter(ControlWordAdapter):
             self._evaluate(word, demand)
         if setpoints is not None and demand.in_control:
             if demand.speed_wish is _FOLLOW_SPEED:
-                demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+                demand.speed = setpoints[self._setpoint] << self._setpoint_shift
             if self._torque >= 0:
                 demand.torque_reduction = setpoints[self._torque]
 
@@ -68,8 +68,8 @@ class SpeedAdapter(ControlWordAdapter):
 
     def write(self, flags: int, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(flags)
-        speed, factor = report.speed, self._actual_factor
-        actuals[self._actual] = speed // factor if speed >= 0 else -(-speed // factor)
+        speed, shift = report.speed, self._actual_shift
+        actuals[self._actual] = speed >> shift if speed >= 0 else -(-speed >> shift)
 
 
 class DscAdapter(SpeedAdapter):
@@ -84,11 +84,11 @@ class DscAdapter(SpeedAdapter):
         super().read(setpoints)
         demand = self._asked
         if setpoints is not None and demand.in_control:
-            demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+            demand.speed = setpoints[self._setpoint] << self._setpoint_shift
             demand.position_error = setpoints[self._xerr], setpoints[self._kpc]
 
 
 def _speed_signal(half: TelegramHalf) -> tuple[str, int]:
-    """The name of the speed, and the value of its steps in N4."""
+    """The name of the speed, and the place of its lowest bit in an N4."""
     item = next(item for item in half.signals if item.quantity is SignalQuantity.SPEED)
-    return item.name, N4_PER_N2 if item.type is DataType.N2 else 1
+    return item.name, N4_PER_N2.bit_length() - 1 if item.type is DataType.N2 else 0
