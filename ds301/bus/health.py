@@ -64,6 +64,8 @@ class BusHealth:
         """The last outage, also when it is over."""
         self.failures = 0
         """Number of outages."""
+        self.doubted = False
+        """Something shows that the bus does not work, or did until the last frame: ``received`` and ``taken`` have to be called."""
         self._bus_off = False
         """The controller reported bus-off, and has not reported another state since."""
         self._busy_since = -1
@@ -86,8 +88,9 @@ class BusHealth:
         if self._busy_since >= 0:
             if self._one_way_since < 0:
                 self._one_way_since = now
-        elif self.outage is not None:
+        else:
             self.outage, self._bus_off = None, False
+            self.doubted = False
 
     def error(self, now: int, *, bus_off: bool) -> None:
         """The controller has reported an error."""
@@ -97,6 +100,7 @@ class BusHealth:
 
     def busy(self, now: int) -> None:
         """The interface has refused a frame."""
+        self.doubted = True
         if self._busy_since < 0:
             self._busy_since = now
         elif now - self._busy_since >= BUSY_NS and not self._bus_off:
@@ -113,3 +117,4 @@ class BusHealth:
     def _fail(self, outage: Outage) -> None:
         self.failures += self.outage is None
         self.outage = self.last = outage
+        self.doubted = True

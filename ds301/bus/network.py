@@ -121,6 +121,8 @@ class CanNetwork(Receiver):
         self.flood: Flood | None = None
         """What fills the bus; looked for only after a loss."""
         self._census: Census | None = None
+        self._examines = False
+        """A received frame counts for health or census."""
         self._next_census: Timer | None = None
         self.listeners: list[FrameListener] = []
         self.on_drop: list[Callable[[], None]] = []
@@ -369,7 +371,8 @@ class CanNetwork(Receiver):
             port.close()
             self.on_lost(str(error))
             return False
-        self.health.taken()
+        if self.health.doubted:
+            self.health.taken()
         self.sent += 1
         if self.tap is not None:
             self.tap.frame(cob_id, data, self.loop.now())
@@ -436,7 +439,7 @@ class CanNetwork(Receiver):
             self._begin_census()
 
     def _begin_census(self) -> None:
-        self._census = Census()
+        self._census, self._examines = Census(), True
         self._next_census = self.loop.call_later(SAMPLE_NS, self._end_census)
 
     def _end_census(self) -> None:
@@ -456,9 +459,10 @@ class CanNetwork(Receiver):
     def on_frame(self, can_id: int, data: bytes, now: int) -> None:
         """A data frame with a standard identifier."""
         self.received += 1
-        self._note_received(now)
-        if self._census is not None:
-            self._census.count(can_id, len(data))
+        if self._examines:
+            self._note_received(now)
+            if self._census is not None:
+                self._census.count(can_id, len(data))
         if self.tap is not None:
             self.tap.frame(can_id, data, now)
         if self.listeners:
@@ -476,7 +480,8 @@ class CanNetwork(Receiver):
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
         """A frame outside CANopen, or a request to another node."""
         self.received += 1
-        self._note_received(self.loop.now())
+        if self._examines:
+            self._note_received(self.loop.now())
         if self.tap is not None:
             flags = (EXTENDED if extended else 0) | (REMOTE if remote else 0)
             self.tap.frame(can_id | flags, data, self.loop.now())
@@ -495,6 +500,7 @@ class CanNetwork(Receiver):
             self.bus_off += 1
         before = self.health.outage
         self.health.error(self.loop.now(), bus_off=bus_off)
+        self._examines = True
         self._report_outage(before)
 
     def on_room(self) -> None:
@@ -510,6 +516,7 @@ class CanNetwork(Receiver):
         self.waiting = False
         before = self.health.outage
         self.health.lost()
+        self._examines = True
         self._report_outage(before)
         if self._working:
             self.lost += 1
@@ -551,11 +558,13 @@ class CanNetwork(Receiver):
         self._refused_at = now = self.loop.now()
         before = self.health.outage
         self.health.busy(now)
+        self._examines = True
         self._report_outage(before)
 
     def _note_received(self, now: int) -> None:
         before = self.health.outage
         self.health.received(now)
+        self._examines = self.health.doubted or self._census is not None
         if before is not None:
             self._report_outage(before)
 
