@@ -65,7 +65,7 @@ class BusHealth:
         self.failures = 0
         """Number of outages."""
         self.doubted = False
-        """Something shows that the bus does not work, or did until the last frame: ``received`` and ``taken`` have to be called."""
+        """The bus may not work: ``received`` and ``taken`` have to be called."""
         self._bus_off = False
         """The controller reported bus-off, and has not reported another state since."""
         self._busy_since = -1

@@ -108,6 +108,7 @@ class Seen:
     OPERATING: Final = 1 << 0
     """Operation is enabled, and a PLC in control requests it."""
     STANDSTILL: Final = 1 << 1
+    """And the position is one of this standstill, also where it is read by SDO."""
     STOPPED: Final = 1 << 2
     """The axis is at standstill, the drive has ended its ramp, and no setpoint is on its way that may still start."""
     REACHED: Final = 1 << 3

@@ -140,8 +140,8 @@ def test_a_shape_with_an_unknown_unit_refuses_telegram_9_and_says_why() -> None:
             "each unknown quantity is evidence, and none of them the remedy of another"
         )
         assert broken.evidence.count(": set ") > 1
-        assert broken.remedy == fault.remedy
-        assert broken.remedy.startswith("paste into its [[axis]] and fill in: ")
+        assert broken.todo == fault.remedy
+        assert broken.todo.startswith("paste into its [[axis]] and fill in: ")
         assert daemon.axes[0].outputs.reason is Reason.REFERENCE_INVALID
         assert drive.model.ramp.speed == 0
 

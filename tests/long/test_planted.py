@@ -67,11 +67,11 @@ def standing_task_bit_starts(method: Any, self: MdiPositioner, request: Position
 
 
 def brake_ends_with_the_drive(
-    method: Any, self: StopWatch, order: Order, state: State | None, seen: bool, *rest: Any
+    method: Any, self: StopWatch, order: Order, state: State | None, seen: bool, *rest: Any, **more: bool
 ) -> Any:
     if not seen:
         self.over()
-    return method(self, order, state, seen, *rest)
+    return method(self, order, state, seen, *rest, **more)
 
 
 def standing_homing_bit_starts(method: Any, self: MdiPositioner) -> Any:

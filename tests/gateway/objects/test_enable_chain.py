@@ -69,7 +69,9 @@ def test_every_reason_declares_state_link_and_remedy(reason: Reason) -> None:
     chain = ENCODER_CHAIN if reason.name.startswith(("ENCODER", "SENSOR")) else AXIS_CHAIN
     assert reason.enable in chain
     assert reason.state in AxisState
-    assert (reason.state is AxisState.OBEYS) == (reason is Reason.LAGS), "a reason keeps from operation"
+    assert (reason.state is AxisState.OBEYS) == (reason in (Reason.LAGS, Reason.HOME_LOST)), (
+        "a reason keeps from operation"
+    )
     text = remedy_text(reason.remedy)
     assert text.strip(" .") == text != ""
 

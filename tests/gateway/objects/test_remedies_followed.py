@@ -40,7 +40,7 @@ def test_the_steps_of_a_person_are_marked() -> None:
     for reason in Reason:
         persons = [isinstance(step, str) for step in reason.remedy]
         kinds["person" if all(persons) else "both" if any(persons) else "program"] += 1
-    assert kinds == {"program": 41, "both": 21, "person": 33}
+    assert kinds == {"program": 41, "both": 21, "person": 35}
 
 
 def press(rng: random.Random, follower: Follower) -> None:
@@ -107,6 +107,7 @@ def repair(plc: Plc, daemon: Daemon) -> None:
             drive.node.end_fault()
             drive.clear()
             drive.model.disguises.clear()
+            drive.model._update()
         else:
             encoder = encoder_of(daemon, item.node_id)
             encoder.node.end_fault()

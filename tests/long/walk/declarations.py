@@ -68,7 +68,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "INSTANTS": {"_set_at": ACKNOWLEDGE_NS, "_blocked_at": ACKNOWLEDGE_NS},
         "PASSING": frozenset({"_position_objects", "_drive_scaling"}),
         # No position of the walk is read by SDO.
-        "ASIDE": frozenset({"_attained_at", "_function", "_function_since", "_home_lost"}),
+        "ASIDE": frozenset({"_attained_at", "_reaches_at", "_turned_at", "_function", "_function_since", "_home_lost"}),
     },
     PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},
     # No position of the walk is half of the numbers away from the one before: the count is the position.

@@ -118,6 +118,11 @@ def _limit_speed(plc: Plc, daemon: Daemon) -> None:
     words((ON, {"NSOLL_A": 0x1000}))(plc, daemon)
 
 
+def _raise_limit(plc: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).node.values[MAX_PROFILE_VELOCITY, 0] = 6000
+    _release(plc, daemon)
+
+
 def _block(plc: Plc, daemon: Daemon) -> None:
     """The brake is closed."""
 
@@ -129,7 +134,9 @@ def _block(plc: Plc, daemon: Daemon) -> None:
 
 
 def _release(plc: Plc, daemon: Daemon) -> None:
-    drive_of(daemon).model.disguises.clear()
+    model = drive_of(daemon).model
+    model.disguises.clear()
+    model._update()
 
 
 def _start_local(daemon: Daemon) -> None:
@@ -318,7 +325,7 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         ),
         lacks=("brake", "mechanics", "6072h"),
         health=Health.WARNING,
-        cure=_release,
+        cure=_raise_limit,
     ),
     "the brake of the motor is closed in operation": Situation(
         begin=both(_block, _wait(2)),

@@ -135,6 +135,10 @@ class MotionExecutor(Executor):
         """Cycles since the drive said that it has its zero."""
         self._attained_at = 0
         """When it said so first."""
+        self._turned_at = 0
+        """When the axis was not at standstill last, monotonic ns."""
+        self._reaches_at = 0
+        """When the drive did not show "target reached" last, monotonic ns."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         HALT_SWITCHES_OFF.check(drive.acting)
@@ -312,11 +316,14 @@ class MotionExecutor(Executor):
         mode.read()
         self._taking.read(self._acknowledges, inputs.now)
         if inputs.standstill:
-            bits |= Seen.STANDSTILL
-        elif not inputs.standstill_unknown:
-            self._effect.withdraw()
-            if self._stopped_by_halt is _UNMOVED:
-                self._stopped_by_halt = _STOPPED
+            if self._position_follows(self._turned_at):
+                bits |= Seen.STANDSTILL
+        else:
+            self._turned_at = inputs.now
+            if not inputs.standstill_unknown:
+                self._effect.withdraw()
+                if self._stopped_by_halt is _UNMOVED:
+                    self._stopped_by_halt = _STOPPED
         if statusword & StatusBit.INTERNAL_LIMIT:
             bits |= Seen.INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
@@ -362,7 +369,10 @@ class MotionExecutor(Executor):
         """Read "target reached"; ``executes``: the drive works on the newest setpoint. Returns bits of ``Seen``."""
         if not executes or not self._mode.shows_base():
             return 0
-        reached = self._shows_reached and not (self.inputs.position_old or self._waits_for_motion or self._ends_short())
+        if not self._shows_reached:
+            self._reaches_at = self.inputs.now
+        known = self._position_follows(self._reaches_at) and not self.inputs.position_old
+        reached = self._shows_reached and known and not (self._waits_for_motion or self._ends_short())
         bits = Seen.REACHED if reached else 0
         return bits | Seen.ANSWERED if self._arrival.read(reached, self.inputs.now) else bits
 
@@ -558,7 +568,7 @@ class MotionExecutor(Executor):
                 self._attained += 1
                 if self._attained == 1:
                     self._attained_at = self.inputs.now
-                if self._attained > self.POSITION_FOLLOWS and self._has_new_position:
+                if self._attained > self.POSITION_FOLLOWS and self._position_follows(self._attained_at):
                     self._homing_ends(HomingResult.ATTAINED)
             elif progress is HomingResult.FAILED:
                 self._homing_ends(HomingResult.FAILED)
@@ -574,11 +584,10 @@ class MotionExecutor(Executor):
             return NEW_SETPOINT
         return self._halt_before_homing()
 
-    @property
-    def _has_new_position(self) -> bool:
-        """The position counts from the new zero, as far as it is read by SDO."""
+    def _position_follows(self, time: int) -> bool:
+        """The position was requested after ``time`` (monotonic ns), as far as it is read by SDO."""
         asked = self.inputs.position_asked_ns
-        return not asked or asked > self._attained_at
+        return not asked or asked > time
 
     def _halt_before_homing(self) -> int:
         """Halt stays until the mode has to change, and rises again if the drive continues what Halt has stopped."""
