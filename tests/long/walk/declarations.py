@@ -67,7 +67,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     MotionExecutor: {
         "INSTANTS": {"_set_at": ACKNOWLEDGE_NS, "_blocked_at": ACKNOWLEDGE_NS},
         "PASSING": frozenset({"_position_objects", "_drive_scaling"}),
-        # No position of the walk is read by SDO.
+        # No position of the walk is read by SDO; the last three are for the user alone.
         "ASIDE": frozenset({"_attained_at", "_reaches_at", "_turned_at", "_function", "_function_since", "_home_lost"}),
     },
     PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},
