@@ -40,7 +40,7 @@ class Pause:
         if now - due > self._limit:
             self._ended = now
             self._text = f"the gateway did not run for {(now - due) / SECOND:.2g} s"
-            log.error("%s: %s", self._text, _WHY, extra={"event": "gateway"})
+            log.warning("%s: %s", self._text, _WHY, extra={"event": "gateway"})
             self._report(self._text)
 
     def explain(self, record: FaultRecord) -> FaultRecord | None:
