@@ -11,19 +11,17 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.base.store import DeviceParameters, ParameterStore
-from pdgw.gateway.client.session import Session
 from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.gateway.daemon.daemon import Daemon
-from pdgw.gateway.parameters.objects import RequestContext, error_of_abort
-from pdgw.gateway.parameters.profile import BoundObject
+from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.world import World
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
-from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, Attribute, ParameterAddress, Values
+from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
 from pdgw.tools.output.status_text import status_lines
@@ -39,7 +37,7 @@ from tests.support.gateways.daemon import (
     until,
 )
 from tests.support.gateways.daemon import client as client_of
-from tests.support.gateways.parameters import error, gateway, number, value, word, write
+from tests.support.gateways.parameters import error, gateway, lists, number, value, word, write
 
 
 @pytest.mark.parametrize(
@@ -156,83 +154,6 @@ def test_every_parameter_of_an_axis_is_there_with_type_description_and_place_in_
         assert answer.format is spec.type, (pnu, answer.text)
         if spec.array:
             assert len(answer.values) == elements
-
-
-def lists(client: ParameterClient) -> list[list[int]]:
-    """P980 and, where an entry is 980 to 989, the list that it names, as a tool reads them."""
-    found: list[list[int]] = []
-    follower = LIST_PNUS[0]
-    while follower in LIST_PNUS:
-        assert len(found) < len(LIST_PNUS), "a chain without an end"
-        (raw,) = client.request([ParameterAddress(follower, 0, 0, Attribute.DESCRIPTION)])
-        count = Description.decode(bytes(raw.values)).count  # type: ignore[arg-type]
-        entries: list[int] = []
-        while len(entries) < count:
-            part = value(client, follower, len(entries), min(MAX_ELEMENTS, count - len(entries)))
-            entries += [int(entry) for entry in part.values]
-        found.append(entries[:-1])
-        follower = entries[-1]
-    assert follower == 0
-    return found
-
-
-ENCODER = "[[encoder]]\ndo_id = 5\nnode_id = 5\ntelegram = 83\nsimulate = true\n"
-
-
-@pytest.mark.parametrize(
-    ("objects", "do_id"), [(axis(1), 1), (ENCODER, 5), (axis(1) + ENCODER, 0)], ids=["axis", "encoder", "device"]
-)
-def test_lists_of_parameters_name_no_list(objects: str, do_id: int) -> None:
-    with serving(configuration(objects), do_id) as (_, client):
-        listed = [pnu for entries in lists(client) for pnu in entries]
-    assert {965, 975, 978} <= set(listed)
-    assert not {*LIST_PNUS} & set(listed)
-
-
-def test_lists_of_parameters_have_room_for_any_number() -> None:
-    listed = BoundObject(1)
-    listed.further_pnus = lambda: range(0x2000, 0x2000 + 1500)  # type: ignore[method-assign]
-    entries: list[int] = []
-    for pnu in LIST_PNUS:
-        part = listed.parameter(pnu, RequestContext())
-        count = part.description().count
-        *some, follower = (int(item) for item in part.read(0, count).values)
-        entries += some
-    assert (entries, follower) == ([*listed.further_pnus()], 0)
-
-
-@pytest.mark.parametrize(("telegram_number", "classes"), [(1, 0b1), (3, 0b1001), (9, 0b100), (105, 0b1000), (100, 0)])
-def test_subclass_of_an_axis_are_the_application_classes_of_its_telegram(telegram_number: int, classes: int) -> None:
-    more = 'simulate = true\ndsc = "speed"\nfollowing_window = 10000' if telegram_number == 105 else "simulate = true"
-    with gateway(axis(1, telegram_number=telegram_number, more=more)) as (_, client):
-        assert number(client, 975, 6, 1) == classes
-
-
-@pytest.mark.parametrize(("objects", "do_id"), [(axis(1), 1), (ENCODER, 5)], ids=["axis", "encoder"])
-def test_bit_sequences_have_two_texts_for_each_bit(objects: str, do_id: int) -> None:
-    with serving(configuration(objects), do_id) as (_, client):
-        listed = [pnu for entries in lists(client) for pnu in entries if pnu in PARAMETERS]
-        words = [pnu for pnu in listed if PARAMETERS[pnu].type is DataType.V2]
-        assert words == ([953, 967, 968] if do_id == 1 else [953])
-        texts = {pnu: Session(client).texts(pnu) for pnu in words}
-    assert {len(each) for each in texts.values()} == {2 * 16}
-    assert texts[953][:2] == ["no", GATEWAY_FAULTS[108].name[:16]]
-    assert texts[953][-2:] == ["no", "device warning"]
-    assert set(texts[953][2 * 8 + 1 : 2 * 10 : 2]) == {"reserved"}
-
-
-@pytest.mark.planted
-@pytest.mark.parametrize("number_", [number for number, fault in GATEWAY_FAULTS.items() if fault.is_warning])
-def test_every_warning_is_a_bit_of_the_warning_word(
-    shared: tuple[Daemon, ParameterClient], monkeypatch: pytest.MonkeyPatch, number_: int
-) -> None:
-    daemon, client = shared
-    mask = GATEWAY_FAULTS[number_].warning_mask
-    monkeypatch.setattr(daemon.axes[0].machine, "_warnings", lambda: mask)
-    until(daemon, lambda: daemon.axes[0].outputs.warning == mask, "a cycle")
-    bit = number(client, 953).bit_length() - 1
-    name = GATEWAY_FAULTS[number_].name[:16] if number_ < 122 else "number above 123"
-    assert Session(client).texts(953)[2 * bit + 1] == name
 
 
 def test_identification_of_unit_and_drive_object(shared: tuple[Daemon, ParameterClient]) -> None:
