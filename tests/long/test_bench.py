@@ -93,8 +93,19 @@ def test_loop_seldom_wakes_beside_the_cycles_while_a_drive_moves(name: str) -> N
 @pytest.mark.e2e
 @pytest.mark.skipif(bool(counting.missing()), reason=counting.missing())
 def test_a_cycle_of_the_compiled_gateway_takes_no_more_instructions() -> None:
-    limit = counting.limits()["instructions"].get(counting.interpreter())
-    found = counting.instructions("8 axes, 1 ms")
+    limit = counting.limits()["compiled"].get(counting.interpreter())
+    found = counting.compiled("8 axes, 1 ms")
     if limit is None:
-        pytest.skip(f"{found} instructions; not known for {counting.interpreter()}")
-    assert about(found, limit), found
+        pytest.skip(f"{found}; not known for {counting.interpreter()}")
+    assert about(found.instructions, limit["instructions"]), found
+    assert found.entries <= limit["entries"], found
+
+
+@pytest.mark.e2e
+@pytest.mark.skipif(bool(counting.missing()), reason=counting.missing())
+def test_commands_take_no_more_instructions() -> None:
+    limits = counting.limits()["commands"].get(counting.interpreter())
+    if limits is None:
+        pytest.skip(f"not known for {counting.interpreter()}")
+    found = {arguments: counting.command(arguments) for arguments in limits}
+    assert all(about(found[arguments], limit) for arguments, limit in limits.items()), found

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import os
 import platform
+import re
 import selectors
 import shutil
 import socket
@@ -500,30 +501,61 @@ def interpreter() -> str:
     return f"{platform.python_implementation()} {platform.python_version()} {platform.machine()} {'-'.join(platform.libc_ver())}"
 
 
-def instructions(name: str, *, record: bool = True) -> int:
-    """User instructions of a cycle of a row."""
+def _run(folder: str, *arguments: str) -> None:
+    """Run a program that starts a Python, in a folder."""
+    environment = os.environ | {"PYTHONHASHSEED": "0", "PYTHONSAFEPATH": "1", "PYTHONDONTWRITEBYTECODE": ""}
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    subprocess.run(arguments, check=False, capture_output=True, env=environment, cwd=folder)
+
+
+def _callgrind(folder: str, options: list[str], *arguments: str) -> tuple[int, int]:
+    """Run a Python in a folder: its instructions, and how often it enters the interpreter's loop from C."""
+    out = f"--callgrind-out-file={Path(folder) / 'out'}"
+    _run(folder, "valgrind", "--tool=callgrind", out, *options, sys.executable, *arguments)
+    text = "".join(dump.read_text() for dump in Path(folder).glob("out*"))
+    totals = re.findall(r"^totals: (\d+)", text, re.MULTILINE)
+    # A function has a number, and its name where it is first used.
+    (loop,) = re.findall(r"\((\d+)\) _PyEval_EvalFrameDefault$", text, re.MULTILINE)
+    entries = re.findall(rf"^cfn=\({loop}\).*\ncalls=(\d+)", text, re.MULTILINE)
+    return sum(map(int, totals)), sum(map(int, entries))
+
+
+class Compiled(NamedTuple):
+    """Of a cycle: user instructions, and how often compiled code enters the interpreter's loop.
+
+    One entry in each turn of the gateway's loop is that of ``Machine.wait``.
+    """
+
+    instructions: int
+    entries: float
+
+
+def compiled(name: str, *, record: bool = True) -> Compiled:
+    """What a cycle of a row takes."""
     with tempfile.TemporaryDirectory() as folder:
-        library, out = Path(folder) / "callgrind.so", Path(folder) / "out"
-        source = Path(__file__).with_name("callgrind.c")
-        subprocess.run(["cc", "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
-        command = ["valgrind", "--tool=callgrind", "--instr-atstart=no", "--collect-atstart=no"]
-        command += [f"--callgrind-out-file={out}", sys.executable, "-m", __name__, name, str(library)]
-        environment = os.environ | {"PYTHONHASHSEED": "0", "PYTHONSAFEPATH": "1"}
-        environment["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
-        subprocess.run([*command, *([] if record else ["off"])], check=True, capture_output=True, env=environment)
-        (dump,) = out.parent.glob("out.*")
-        (total,) = (line.split()[1] for line in dump.read_text().splitlines() if line.startswith("totals:"))
-    return int(total) // _INSTRUCTION_CYCLES
+        library, source = str(Path(folder) / "callgrind.so"), Path(__file__).with_name("callgrind.c")
+        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, str(source)], check=True)
+        arguments = ("-m", __name__, name, library, *([] if record else ["off"]))
+        total, entries = _callgrind(folder, ["--instr-atstart=no", "--collect-atstart=no"], *arguments)
+    return Compiled(total // _INSTRUCTION_CYCLES, round(entries / _INSTRUCTION_CYCLES, 1))
+
+
+def command(arguments: str) -> int:
+    """User instructions of a command of ``pdgw`` without a gateway, whose modules an earlier call has compiled."""
+    with tempfile.TemporaryDirectory() as folder:
+        called = ("-X", f"pycache_prefix={folder}", "-m", "pdgw", *arguments.split())
+        _run(folder, sys.executable, *called)
+        return _callgrind(folder, [], *called)[0]
 
 
 # The table of `make bench`, and the limits.
 
 
-TITLES: Final = ("row", "bytecodes", "calls into C", "instructions", "recorder")
+TITLES: Final = ("row", "bytecodes", "calls into C", "instructions", "entries of the interpreter", "recorder")
 
 
 def limits() -> dict[str, dict[str, Any]]:
-    """The counts that a test allows: by version of Python and row, and the ``instructions`` of one row."""
+    """The counts that a test allows: by version of Python and row, and those of one ``compiled`` row."""
     return tomllib.loads(LIMITS.read_text(encoding="utf-8"))
 
 
@@ -532,10 +564,10 @@ def rows() -> Iterator[tuple[str, ...]]:
     for name, row in ROWS.items():
         if kind() != COMPILED:
             found = taken(row)
-            yield name, str(found.bytecodes), str(found.calls), "", f"{found.recorder} %"
+            yield name, str(found.bytecodes), str(found.calls), "", "", f"{found.recorder} %"
         elif name in INSTRUCTIONS and not missing():
-            on, off = instructions(name), instructions(name, record=False)
-            yield name, "", "", f"{on / 1000:.0f} k", f"{100 * (on - off) / on:.0f} %"
+            (on, entries), (off, _) = compiled(name), compiled(name, record=False)
+            yield name, "", "", f"{on / 1000:.0f} k", str(entries), f"{100 * (on - off) / on:.0f} %"
 
 
 if __name__ == "__main__":
