@@ -254,6 +254,7 @@ def test_steps_of_an_axis_that_moves_need_five_bytes_a_cycle(tmp_path: Path) -> 
     assert sum(steps) / len(steps) < 5
 
 
+@pytest.mark.planted
 def test_the_pdos_are_described_once_and_recorded_every_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their description takes as long as a hundred steps, and with 64 axes longer than a cycle."""
     described: list[object] = []
