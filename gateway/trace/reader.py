@@ -111,9 +111,7 @@ class Parser:
     def _is_known(self, kind: int) -> bool:
         return self.description is not None or kind in {pcapng.SECTION, pcapng.INTERFACE, pcapng.CUSTOM}
 
-    def _take_cyclic(self, flags: int) -> None:
-        assert self.description is not None
-        is_udp = self.description.places.kind == "udp"
+    def _take_cyclic(self, flags: int, *, is_udp: bool) -> None:
         header = _UDP_HEADER if is_udp else _ETHERNET_HEADER
         frames = iter(self._cyclic)
         if flags & pcapng.FRESH:
@@ -155,7 +153,9 @@ class Parser:
 
     def _cycle(self, content: bytes) -> Cycle | None:
         number, time_ns, wall, flags, _ = pcapng.CYCLE_HEAD.unpack_from(content)
-        self._take_cyclic(flags)
+        if self.description is None:
+            raise ValueError("a cycle before the description")
+        self._take_cyclic(flags, is_udp=self.description.places.kind == "udp")
         self._take_can(wall)
         at = pcapng.CYCLE_HEAD.size
         for item in self._objects:

@@ -92,6 +92,15 @@ def test_what_is_before_the_damage_is_shown(whole: bytes, tmp_path: Path, capsys
     assert "047Eh -> 047Fh +ON" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", READERS)
+def test_cycle_before_its_description_is_damage(name: str, whole: bytes, tmp_path: Path) -> None:
+    at = whole.index(pcapng.DESCRIPTION + bytes(3), 24)
+    file = tmp_path / "gateway.pcapng"
+    file.write_bytes(whole[:at] + b"?" + whole[at + 1 :])
+    with pytest.raises(GatewayError, match=r"a cycle before the description|not a recording of the gateway"):
+        READERS[name](file)
+
+
 def test_cut_recording_is_replayed_to_its_end(whole: bytes, tmp_path: Path) -> None:
     blocks = list(pcapng.walk(whole))
     _, begin, length = blocks[len(blocks) // 2]
