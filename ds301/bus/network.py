@@ -231,10 +231,9 @@ class CanNetwork(Receiver):
         return self.health.outage is None
 
     @property
-    def outage_text(self) -> str:
-        """The bus, why it is lost or was lost last, and the remedy."""
-        outage = self.health.shown(self.loop.now()) or self.health.last
-        return f"bus {self.name}: {outage.value}; {outage.remedy}"
+    def last_outage(self) -> Outage:
+        """Why the bus is lost, or was lost last."""
+        return self.health.shown(self.loop.now()) or self.health.last
 
     def is_subscribed(self, cob_id: int) -> bool:
         """Whether the frames of this COB-ID have a receiver, other than of a PDO."""

@@ -42,7 +42,7 @@ from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
-from pdgw.ds301.node.node import Loss, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
+from pdgw.ds301.node.node import Cause, Loss, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.polling import POLL_NS, Polling
@@ -76,6 +76,7 @@ _CONFIGURATION: Final = 100
 """and of accesses that configure a known device."""
 _TPDO: Final = "check the TPDOs of the device, and who writes its communication objects"
 _MASTER: Final = "switch the other master off, or have it leave this node alone"
+_TOOL: Final = "disconnect the other tool, or have it only read"
 _DEVICE: Final = "check the device: its error behaviour 1029h, and the cause of its EMCY"
 _CHECKED: Final = "another tool wrote to its configuration"
 _NOT_STARTED: Final = "not started"
@@ -125,9 +126,9 @@ class NodeClient(abc.ABC, Generic[S]):
         """The PDOs of this node with their contents; None before its first start."""
         self.on_event = on_event
         self.status = NodeStatus.OFFLINE
-        self.status_text = _NOT_STARTED
-        self.refusal = ""
-        """Why the node was rejected, also during the next attempt to configure it; "; " separates the remedy."""
+        self.cause = Cause(_NOT_STARTED)
+        self.refusal: Cause | None = None
+        """Why the node was rejected, also during the next attempt to configure it."""
         self.generation = 0
         """Counts completed configurations, so that the owner sees each restart exactly once."""
         self._old_length_errors = 0
@@ -197,8 +198,8 @@ class NodeClient(abc.ABC, Generic[S]):
     def _identify(self, device_type: int) -> None:
         """In the node's task, after its first SDO answer (1000h) and before anything else: it takes no RPDO from now on."""
         own = self.settings.eds is not None
-        sheet = "the EDS" if own else "the built-in data sheet; set the key eds to the EDS of the manufacturer"
-        self.sdo.check_identity(device_type, sheet=sheet)
+        sheet = Cause("the built-in data sheet", "set the key eds to the EDS of the manufacturer")
+        self.sdo.check_identity(device_type, sheet=Cause("the EDS") if own else sheet)
 
     @abc.abstractmethod
     def _configure(self, plan: PdoPlan) -> None:
@@ -225,7 +226,12 @@ class NodeClient(abc.ABC, Generic[S]):
     @property
     def is_first_request(self) -> bool:
         """The first request to the node was neither answered nor missed yet."""
-        return self.status_text == _NOT_STARTED
+        return self.cause.evidence == _NOT_STARTED
+
+    @property
+    def status_text(self) -> str:
+        """Why it has its status."""
+        return self.cause.text
 
     @property
     def progress(self) -> str:
@@ -280,7 +286,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._sending = False
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         self.status = NodeStatus.OFFLINE
-        self.status_text = "stopped"
+        self.cause = Cause("stopped")
         self._jobs.fail(self._not_online)
         self._unsubscribe_pdos()
         self.network.require_sync(self.settings.node_id, required=False)
@@ -344,7 +350,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self.unconfirmed = text
         if self.status is _ONLINE:
             self.loss = Loss.OTHER_TOOL
-            self._lose(text)
+            self._lose(Cause(text, _TOOL))
 
     def _apply_times(self) -> None:
         settings = self.settings
@@ -361,7 +367,7 @@ class NodeClient(abc.ABC, Generic[S]):
             self._live()
         except Exception:
             # The node is not supervised any more, so it must not count as online.
-            self._set_status(NodeStatus.REFUSED, "its task ended with an unexpected error, see the log")
+            self._set_status(NodeStatus.REFUSED, Cause("its task ended with an unexpected error, see the log"))
             raise
 
     def _live(self) -> None:
@@ -374,26 +380,26 @@ class NodeClient(abc.ABC, Generic[S]):
             except SdoCommunicationError as error:
                 self._absent(f"no answer from node {self.settings.node_id} ({error})")
             except SdoAbortedError as error:
-                self._refuse(f"aborted the configuration: {error}")
+                self._refuse(Cause(f"aborted the configuration: {error}"))
             except CanopenError as error:
-                self._refuse(str(error))
+                self._refuse(Cause.of(error))
             except (struct.error, ValueError) as error:  # of another length than expected
-                self._refuse(f"node {self.settings.node_id} sent an SDO answer that cannot be decoded ({error})")
+                self._refuse(Cause(f"node {self.settings.node_id} sent an SDO answer that cannot be decoded ({error})"))
 
     def _not_online(self) -> CanopenError:
         return self.kind.error_type(
             f"{self.kind.name} {self.settings.node_id}", self.status.value, "online to be read or written"
         )
 
-    def _notify(self, notice: Notice, text: str, by: Loss | None = None) -> None:
-        self.on_event(NodeNotice(notice, text, self.loop.now(), by=by))
+    def _notify(self, notice: Notice, text: str, by: Loss | None = None, remedy: str = "") -> None:
+        self.on_event(NodeNotice(notice, text, self.loop.now(), by=by, remedy=remedy))
 
-    def _set_status(self, status: NodeStatus, text: str) -> None:
-        changed = status is not self.status or text != self.status_text
+    def _set_status(self, status: NodeStatus, cause: Cause) -> None:
+        changed = status is not self.status or cause != self.cause
         self.status = status
-        self.status_text = text
+        self.cause = cause
         if status is not NodeStatus.CONFIGURING:
-            self.refusal = text if status is NodeStatus.REFUSED else ""
+            self.refusal = cause if status is NodeStatus.REFUSED else None
         if status is not NodeStatus.ONLINE:
             self._jobs.fail(self._not_online)
         if not changed:
@@ -401,14 +407,15 @@ class NodeClient(abc.ABC, Generic[S]):
         if status in (NodeStatus.LOST, NodeStatus.OFFLINE):
             self.network.examine()
         if status is NodeStatus.LOST:
-            self._notify(Notice.BUS_LOST if self.bus_failed else Notice.LOST, text, self.loss)
+            self._notify(Notice.BUS_LOST if self.bus_failed else Notice.LOST, cause.evidence, self.loss, cause.remedy)
         else:
             two = status is NodeStatus.REFUSED and self.sdo.doubles.proof
-            self._notify(Notice.TWO_DEVICES if two else _NOTICES[status], f"{status.value}: {text}")
+            notice = Notice.TWO_DEVICES if two else _NOTICES[status]
+            self._notify(notice, f"{status.value}: {cause.evidence}", remedy=cause.remedy)
 
     def _absent(self, text: str) -> None:
         if self.status is not NodeStatus.LOST:
-            self._set_status(NodeStatus.OFFLINE, text)
+            self._set_status(NodeStatus.OFFLINE, Cause(text))
         self._wait(_RETRY_ABSENT_NS)
         if self.sdo.answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
             self._slow = 2 * self._sdo_timeout_ns
@@ -417,8 +424,8 @@ class NodeClient(abc.ABC, Generic[S]):
                 Notice.PROGRESS, f"answers SDO late: the timeout is now {self._slow // MS} ms; set sdo_timeout_ms"
             )
 
-    def _refuse(self, text: str) -> None:
-        self._set_status(NodeStatus.REFUSED, text)
+    def _refuse(self, cause: Cause) -> None:
+        self._set_status(NodeStatus.REFUSED, cause)
         self._wait(_RETRY_REFUSED_NS)
 
     def _wait(self, nanoseconds: int) -> None:
@@ -454,7 +461,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self.generation += 1
         self.polling.resume(self.loop.now())
         self._sending = True
-        self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
+        self._set_status(NodeStatus.ONLINE, Cause(f"operational, configuration {self.generation}"))
 
     def _prepare(self) -> None:
         """Find the node, make it safe, configure and start it."""
@@ -469,7 +476,7 @@ class NodeClient(abc.ABC, Generic[S]):
         device_type = self.sdo.read_urgently(DEVICE_TYPE)
         self._sending = self._stopped = False
         self._booted.clear()  # a boot-up before this answer is the expected one
-        self._set_status(NodeStatus.CONFIGURING, "checking identity")
+        self._set_status(NodeStatus.CONFIGURING, Cause("checking identity"))
         self._identify(device_type)
         if self.network.makes_sync and self._may_have(SYNC_COB_ID) and self.sdo.stop_sync_producer():
             self.had_sync = True
@@ -478,7 +485,7 @@ class NodeClient(abc.ABC, Generic[S]):
             )
         self._find_emcy()
         self._expected_accesses = self.sdo.accesses + _CONFIGURATION
-        self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")
+        self._set_status(NodeStatus.CONFIGURING, Cause("mapping PDOs"))
         plan = self._configure_pdos()
         if plan.needs_sync and self._may_have(SYNC_COUNTER):
             self.sdo.stop_sync_counter()
@@ -610,11 +617,12 @@ class NodeClient(abc.ABC, Generic[S]):
         missing = [str(slot.pdo) for slot in self._slots if slot.data is None and slot.watched]
         if not missing:
             return None
-        never_came = "" if self.settings.sync else "; set sync = true for TPDOs that are sent on SYNC only"
+        never_came = "" if self.settings.sync else "set sync = true for TPDOs that are sent on SYNC only"
         return self.kind.error_type(
             f"TPDOs of the {self.kind.name}",
             f"none of {', '.join(missing)}",
-            f"each within 1 s of NMT start{f'; {_TPDO}' if self.generation else never_came}",
+            "each within 1 s of NMT start",
+            _TPDO if self.generation else never_came,
         )
 
     def _not_started(self) -> CanopenError | None:
@@ -629,14 +637,16 @@ class NodeClient(abc.ABC, Generic[S]):
             return self.kind.error_type(
                 f"NMT state of {node} after NMT start",
                 f"{NmtState.text(state)}{self._after_emcy(self._started)}{error}",
-                "Operational; remove the errors of the device, then restart the node (P972, or power off and on)",
+                "Operational",
+                "remove the errors of the device, then restart the node (P972, or power off and on)",
             )
         for slot in self._slots:
             if slot.data is None and slot.short is not None:
                 return self.kind.error_type(
                     f"{slot.pdo} of {node}",
                     f"{slot.short} bytes",
-                    f"{slot.pdo.size} bytes as mapped; check the firmware of the {self.kind.name}",
+                    f"{slot.pdo.size} bytes as mapped",
+                    f"check the firmware of the {self.kind.name}",
                 )
         return None
 
@@ -654,7 +664,8 @@ class NodeClient(abc.ABC, Generic[S]):
         return self.kind.error_type(
             f"{missing} of node {self.settings.node_id}",
             f"one every {heartbeat.gap / SECOND:.2g} s" if runs else "none",
-            f"one every {self.settings.heartbeat_ms} ms, the first within {first:g} s of NMT start; {todo}",
+            f"one every {self.settings.heartbeat_ms} ms, the first within {first:g} s of NMT start",
+            todo,
         )
 
     def _supervise(self) -> None:
@@ -662,7 +673,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._bus_failures = self.network.health.failures
         if self.unconfirmed:  # another tool wrote during the bring-up
             self.loss = Loss.OTHER_TOOL
-            self._lose(self.unconfirmed)
+            self._lose(Cause(self.unconfirmed, _TOOL))
         self.network.watch(self._monitor)
         try:
             self._work()
@@ -688,13 +699,13 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _watch(self, now: int) -> None:
         """Lose a node that must not be trusted any more. One that a job holds is not used anyway."""
-        if self.status is _ONLINE and not self.unconfirmed and (lost := self._lost(now)):
+        if self.status is _ONLINE and not self.unconfirmed and (lost := self._lost(now)) is not None:
             self._lose(lost)
 
-    def _lose(self, text: str) -> None:
+    def _lose(self, cause: Cause) -> None:
         """The cyclic side uses the node no longer. Its task, whose access ends, only has to repair."""
         self.network.drop_waiting()
-        self._set_status(NodeStatus.LOST, text)
+        self._set_status(NodeStatus.LOST, cause)
         self.sdo.interrupt()
         self._wake.set()
 
@@ -724,7 +735,7 @@ class NodeClient(abc.ABC, Generic[S]):
                     self._wake.set()
             now = self.loop.now()
             if self._reconfigure:
-                self._set_status(NodeStatus.CONFIGURING, "telegram changed")
+                self._set_status(NodeStatus.CONFIGURING, Cause("telegram changed"))
                 return
             if self.status is not _ONLINE:
                 self._give_up()
@@ -732,7 +743,7 @@ class NodeClient(abc.ABC, Generic[S]):
                     raise self.sdo.two_devices()
                 return
             if now >= self._check_at and not self._jobs:
-                self._set_status(NodeStatus.CONFIGURING, _CHECKED)
+                self._set_status(NodeStatus.CONFIGURING, Cause(_CHECKED))
                 return
             try:
                 self._exchange_acyclic(now)
@@ -741,50 +752,52 @@ class NodeClient(abc.ABC, Generic[S]):
                 if self.status is _ONLINE and failure != (failure := str(error)):  # log it once until it changes
                     self._notify(Notice.PROGRESS, f"object without PDO: {failure}")
 
-    def _left(self, now: int) -> str:
+    def _left(self, now: int) -> Cause:
         """Why the heartbeat shows another state than Operational."""
         state = NmtState.text(self.heartbeat.state)
         if self._stopped:
             self.loss = Loss.OWN_STOP
-            return f"{state}: the gateway has stopped it (NMT)"
-        by_itself = f"it has left Operational by itself{self._after_emcy(now - SECOND)}; {_DEVICE}"
-        return f"{state}: {self._by_other_master() or by_itself}"
+            return Cause(f"{state}: the gateway has stopped it (NMT)")
+        if (other := self._by_other_master()) is not None:
+            return other._replace(evidence=f"{state}: {other.evidence}")
+        return Cause(f"{state}: it has left Operational by itself{self._after_emcy(now - SECOND)}", _DEVICE)
 
     def _after_emcy(self, since: int) -> str:
         text, time = self._emcy
         return f" after {text}" if time > since else ""
 
-    def _by_other_master(self) -> str:
-        """The NMT command with which another master took the node out of Operational; else empty."""
+    def _by_other_master(self) -> Cause | None:
+        """The NMT command with which another master took the node out of Operational; else None."""
         if not (command := self.heartbeat.foreign):
-            return ""
+            return None
         self.loss = Loss.OTHER_MASTER
-        return f"another master has sent NMT command {command:02X}h; {_MASTER}"
+        return Cause(f"another master has sent NMT command {command:02X}h", _MASTER)
 
-    def _lost(self, now: int) -> str:
-        """Why an online node is lost; empty if it is not."""
+    def _lost(self, now: int) -> Cause | None:
+        """Why an online node is lost; None if it is not."""
         self.loss = None
         if self._booted.is_set():
-            return self._by_other_master() or f"node {self.settings.node_id} restarted"
+            return self._by_other_master() or Cause(f"node {self.settings.node_id} restarted")
         if self.sdo.doubles.proof:
-            return str(self.sdo.two_devices())
+            return Cause.of(self.sdo.two_devices())
         heartbeat = self.heartbeat
         overdue = [slot for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots)
         quiet = self.settings.heartbeat_ms * MS
         if (overdue or lost) and heartbeat.expected and now - self.received_ns > quiet:
-            return "silent: neither heartbeats nor TPDOs"
+            return Cause("silent: neither heartbeats nor TPDOs")
         if lost:
             return lost
         if heartbeat.expected and heartbeat.state != NmtState.OPERATIONAL:
             return self._left(now)
         if overdue:
             beats = heartbeat.time > min(slot.time for slot in overdue) + self._timeout_ns // 2
-            check = f" while its heartbeats arrive; {_TPDO}" if beats else ""
-            return f"no {', '.join(str(slot.pdo) for slot in overdue)} for {self._timeout_ns // MS} ms{check}"
+            missing = f"no {', '.join(str(slot.pdo) for slot in overdue)} for {self._timeout_ns // MS} ms"
+            return Cause(f"{missing} while its heartbeats arrive", _TPDO) if beats else Cause(missing)
         if self.polling.objects and (unread := self._check_ages(now)):
-            return unread
-        return self.network.outage_text if self.bus_failed else ""
+            return Cause(unread)
+        outage = self.network.last_outage
+        return Cause(f"bus {self.network.name}: {outage.value}", outage.remedy) if self.bus_failed else None
 
     @property
     def bus_failed(self) -> bool:
@@ -830,8 +843,8 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.heartbeat.receive(data, now):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
-                text = self._by_other_master() or "boot-up message"
-                self._notify(Notice.BOOT, text, self.loss)
+                cause = self._by_other_master() or Cause("boot-up message")
+                self._notify(Notice.BOOT, cause.evidence, self.loss, cause.remedy)
         if self.heartbeat.in_row == OFTEN:
             period = f"{self.heartbeat.gap // MS} ms, 1017h is {self.settings.heartbeat_ms}"
             self._notify(Notice.PROGRESS, f"heartbeat comes every {period}")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import canopen
 
@@ -14,10 +15,13 @@ from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, a
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import IDENTITY, SYNC_COB_ID, SYNC_COUNTER, SYNC_PERIOD, SYNC_PRODUCER, profile_of
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, has_effect
+from pdgw.ds301.node.node import Cause
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoDirection, direction_of, is_communication_parameter
+
+_SHEET: Final = Cause("the EDS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +43,11 @@ class ConfiguringAccess(SdoAccess):
         super().__init__(network, node_id, dictionary, kind.error_type)
         self.kind = kind
 
-    def check_identity(self, device_type: int, device: tuple[int, int] = (0, 0), sheet: str = "the EDS") -> None:
+    def check_identity(self, device_type: int, device: tuple[int, int] = (0, 0), sheet: Cause = _SHEET) -> None:
         """Compare device type (1000h), vendor and product with profile and EDS; the package's error names a difference.
 
         A device need not have a product code. ``device``: vendor-ID and product code if they were read already, else 0.
-        ``sheet``: name of the EDS for people.
+        ``sheet``: name of the EDS for people, and what to do if it is another device's.
         """
         name = f"node {self._node_id} device type 1000h"
         if profile_of(device_type) != self.kind.profile:
@@ -62,7 +66,10 @@ class ConfiguringAccess(SdoAccess):
             found = device[subindex - 1] or read(IDENTITY, subindex)
             if found != expected and (found or not optional):
                 raise self.error_type(
-                    f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h, as in {sheet}"
+                    f"node {self._node_id} {what}",
+                    f"{found:08X}h",
+                    f"{expected:08X}h, as in {sheet.evidence}",
+                    sheet.remedy,
                 )
 
     def do(self, step: SdoStep) -> None:

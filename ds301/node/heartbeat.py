@@ -10,12 +10,13 @@ from pdgw.base.durations import MS
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import ERROR_CONTROL, GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand, NmtState
 from pdgw.ds301.node.doubles import Doubles
-from pdgw.ds301.node.node import TpdoSlot
+from pdgw.ds301.node.node import Cause, TpdoSlot
 
 _STATES: Final = 4
 """A, B, A, B: the states of two devices."""
 OFTEN: Final = 10
 """Number of early heartbeats in a row that are a shorter period, not a burst."""
+_PRODUCER: Final = "check the firmware of the device, and who writes 1017h"
 
 
 class Heartbeat:
@@ -97,10 +98,11 @@ class Heartbeat:
                 self._doubles.proof = "heartbeats show two NMT states"
         return boots
 
-    def lost(self, now: int, limit: int, tpdos: Iterable[TpdoSlot]) -> str:
-        """Why the node is lost; empty if it is there, or reports nothing at all."""
+    def lost(self, now: int, limit: int, tpdos: Iterable[TpdoSlot]) -> Cause | None:
+        """Why the node is lost; None if it is there, or reports nothing at all."""
         if not self.expected or now - self.time <= limit:
-            return ""
-        runs = any(slot.time > self.time + limit // 2 for slot in tpdos)
-        but = " while its TPDOs arrive; check the firmware of the device, and who writes 1017h" if runs else ""
-        return f"no heartbeat for {limit // MS} ms{but}"
+            return None
+        evidence = f"no heartbeat for {limit // MS} ms"
+        if any(slot.time > self.time + limit // 2 for slot in tpdos):
+            return Cause(f"{evidence} while its TPDOs arrive", _PRODUCER)
+        return Cause(evidence)

@@ -8,8 +8,10 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from pdgw.base.durations import MS
+from pdgw.base.errors import ValueNotAllowedError
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.pdo import Pdo, PdoReceiver
 
@@ -25,6 +27,23 @@ class NodeStatus(enum.Enum):
     """Was online; heartbeat or TPDO stopped, or the bus failed. Re-configures by itself, never restarts motion."""
     REFUSED = "refused"
     """Answers, but is the wrong device or does not take the configuration; retried slowly."""
+
+
+class Cause(NamedTuple):
+    """Why a node is not in operation: what was seen, and what to do; empty: nothing special."""
+
+    evidence: str
+    remedy: str = ""
+
+    @classmethod
+    def of(cls, error: ValueNotAllowedError) -> Cause:
+        """That of an error."""
+        return cls(error.evidence, error.remedy)
+
+    @property
+    def text(self) -> str:
+        """Both in one line."""
+        return self.evidence + (self.remedy and f"; {self.remedy}")
 
 
 class Loss(enum.Enum):
@@ -90,7 +109,7 @@ class NodeNotice:
     """One event of a node, made where it happens; ``time_ns`` is monotonic.
 
     ``code``, ``register`` and ``data`` (the manufacturer's bytes) are those of an EMCY. ``by``: who caused a loss or a boot-up;
-    None: the node itself.
+    None: the node itself. ``remedy``: what to do.
     """
 
     notice: Notice
@@ -100,6 +119,7 @@ class NodeNotice:
     register: int = 0
     data: bytes = b""
     by: Loss | None = None
+    remedy: str = ""
 
 
 class TpdoSlot(PdoReceiver):

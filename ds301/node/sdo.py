@@ -333,7 +333,8 @@ class SdoAccess:
         return self.error_type(
             f"node-ID {self._node_id}",
             f"two devices? {self.doubles.proof}",
-            f"one device with node-ID {self._node_id} on the bus; {DISCONNECT}",
+            f"one device with node-ID {self._node_id} on the bus",
+            DISCONNECT,
         )
 
     def _where(self, index: int, subindex: int) -> str:

@@ -31,7 +31,7 @@ from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
-from pdgw.ds301.node.node import NodeNotice, NodeStatus, Notice
+from pdgw.ds301.node.node import Cause, NodeNotice, NodeStatus, Notice
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.node.polling import PolledObject
@@ -187,7 +187,8 @@ class DriveClient(NodeClient[DriveSettings]):
                     raise Dsp402Error(
                         f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
                         abort_text(error.code),
-                        "an object that can be read, because it defines units or 100 %; else list it in ignored_unit_objects",
+                        "an object that can be read, because it defines units or 100 %",
+                        "else list it in ignored_unit_objects",
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has the object, and keeps its own value unless it is written
@@ -402,7 +403,7 @@ class DriveClient(NodeClient[DriveSettings]):
         times = settings.guarding_of(drive, self.network.node_id, self.rpdos.control.pdo.communication_index)
         guarding = guard(times, self.sdo.write_checked, self.sdo.read_number)
         if guarding.refusal and not settings.allow_unguarded:
-            raise Dsp402Error("guarding of the gateway by the drive", guarding.refusal, f"{_GUARDS}; {guarding.remedy}")
+            raise Dsp402Error("guarding of the gateway by the drive", guarding.refusal, _GUARDS, guarding.remedy)
         if guarding.refusal:
             self._notify(Notice.PROGRESS, f"not guarded: {guarding.refusal}")
         elif guarding != self.guarding:
@@ -437,8 +438,9 @@ class DriveClient(NodeClient[DriveSettings]):
     def _send_question(self, now: int) -> bool:
         return super()._send_question(now) or self.units.check(now, operates=self._operates, moves=self._moves)
 
-    def _lost(self, now: int) -> str:
-        return super()._lost(now) or self._mode.wrong or self._tpdos.dropped
+    def _lost(self, now: int) -> Cause | None:
+        wrong = self._mode.wrong or self._tpdos.dropped
+        return super()._lost(now) or (Cause(wrong) if wrong else None)
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""

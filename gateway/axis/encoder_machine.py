@@ -15,6 +15,7 @@ from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorChannel
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.supervision.drive_events import CANOPEN_FAULT, Acknowledgement, NodeWatch
+from pdgw.gateway.axis.supervision.encoder_speed import REMEDY
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import (
     EncoderInput,
@@ -256,7 +257,9 @@ class EncoderMachine:
         if faulty:
             channel.check.restart()  # the position may be wrong
         elif channel.contradiction:
-            self.outputs.fault(gateway_fault(FaultNumber.VELOCITY_DEVIATES, channel.contradiction, inputs.now))
+            self.outputs.fault(
+                gateway_fault(FaultNumber.VELOCITY_DEVIATES, channel.contradiction, inputs.now, remedy=REMEDY)
+            )
         return self._normalised(speed)
 
     def _normalised(self, speed: int) -> int:

@@ -478,7 +478,7 @@ class AxisMachine:
         detail = f"{after}, {brake} ({words})"
         if order is Order.ENTER:
             shown = f"Enable Operation, Statusword {feedback.statusword:04X}h"
-            detail = f"{after} of {shown}; check safe torque off (STO), the enable input and the brake of the drive"
+            detail = f"{after} of {shown}"
         self.outputs.found.append((number, detail))
 
     def _stop_unasked(self, now: int) -> None:

@@ -855,7 +855,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
                 "drive does not enter or leave operation as commanded",
                 0xFF1C,
                 _B.DRIVE,
-                "check brake, the drive's own enables and 605Ch",
+                "check safe torque off (STO), the enable input, the brake and 605Ch of the drive",
             ),
             GatewayFault(
                 _F.TURNS_OFF,

@@ -24,6 +24,7 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SYNC
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.node import Cause
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.gateway.axis.values import FaultRecord
@@ -192,8 +193,8 @@ class Daemon:
         """A fault with what happened to the gateway, or on its bus, and led to it."""
         if (explained := self._pause.explain(record)) is not None:
             return explained
-        if cause := self._same_ids[item.network.name].explains(item, record):
-            return replace(record, text=f"{record.text.partition('; ')[0]}: {cause}")
+        if (cause := self._same_ids[item.network.name].explains(item, record)) is not None:
+            return replace(record, text=f"{record.text}: {cause.evidence}", remedy=cause.remedy)
         return record
 
     def _on_bus(self, network: CanNetwork, text: str) -> None:
@@ -441,12 +442,12 @@ class Daemon:
         for client in self.clients:
             client.start()
 
-    def _on_other_master(self, text: str) -> None:
+    def _on_other_master(self, cause: Cause) -> None:
         if self.failure is None:
-            self.failure = GatewayError(text)
-            log.error("%s", text)
+            self.failure = GatewayError(cause.text)
+            log.error("%s", cause.text)
             for item in self.objects:
-                item.raise_fault(FaultNumber.OTHER_MASTER, text, self.loop.now())
+                item.raise_fault(FaultNumber.OTHER_MASTER, cause.evidence, self.loop.now(), cause.remedy)
             self._begin_stop()
 
     def stop(self) -> None:

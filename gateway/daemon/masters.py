@@ -16,6 +16,7 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import ERROR_CONTROL, HEARTBEAT_STATE, SDO_REQUEST, SDO_RESPONSE, SYNC, NmtState
 from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.node import Cause
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.reasons import FaultNumber
@@ -82,21 +83,19 @@ class SameNodeId:
         device = f"CAN bus {bus.name}: a device with node-ID {bus.node_id}, which is that of the gateway"
         return f"{device}, {did}; {_OTHER_ID}" if did else ""
 
-    def explains(self, item: DriveObject, record: FaultRecord) -> str:
-        """That a fault may follow from the boot-up, to which a heartbeat consumer reacts; empty if it does not."""
+    def explains(self, item: DriveObject, record: FaultRecord) -> Cause | None:
+        """That a fault may follow from the boot-up, to which a heartbeat consumer reacts; None if it does not."""
         booted, client = self._seen.get(_BOOTED), item.client
         if booted is None or record.time_ns - booted > _EFFECT_NS:
-            return ""
+            return None
         if record.number == FaultNumber.NODE_LOST:
             beats = client.heartbeat
             follows = client.loss is None and beats.time > booted and beats.state != NmtState.OPERATIONAL
         else:
             follows = record.code == HEARTBEAT_ERROR or record.number == FaultNumber.LEFT_OPERATION
         device = f"a device with the node-ID of the gateway, {self._network.node_id}"
-        what = (
-            f"follows the boot-up at {self._clock(booted)} of {device}; its heartbeat consumer (1016h) may react to it"
-        )
-        return f"{what}: {_OTHER_ID}" if follows else ""
+        evidence = f"follows the boot-up at {self._clock(booted)} of {device}"
+        return Cause(evidence, f"its heartbeat consumer (1016h) may react to it: {_OTHER_ID}") if follows else None
 
     def _clock(self, time_ns: int) -> str:
         return clock(time_ns, self._network.loop)
@@ -138,19 +137,18 @@ def watch_for_masters(
     drives: Iterable[int],
     same: SameNodeId,
     sync_of_nodes: SyncOfNodes,
-    on_found: Callable[[str], None],
+    on_found: Callable[[Cause], None],
 ) -> None:
-    """Call ``on_found`` with one line for every frame on ``network`` that only a master sends.
+    """Call ``on_found`` for every frame on ``network`` that only a master sends.
 
     ``drives``: the node-IDs of our drives. A drive that is online adds the RPDOs that it has in use. ``same`` takes the boot-up
     messages with the node-ID of the gateway, which has none.
     """
 
     def found(cob_id: int, what: str, who: str = "another master", remedy: str = "") -> None:
-        on_found(
-            f"CAN bus {network.name}: {who} sends {what} (COB-ID {cob_id:03X}h); allowed: one "
-            f"gateway per bus. End the other one, {remedy}or disable receive_own_messages of the interface"
-        )
+        evidence = f"CAN bus {network.name}: {who} sends {what} (COB-ID {cob_id:03X}h)"
+        todo = f"allowed is one gateway per bus: end the other one, {remedy}or disable receive_own_messages of the interface"
+        on_found(Cause(evidence, todo))
 
     def beats(data: bytes, now: int) -> None:
         if data[:1] == _BOOT_UP:

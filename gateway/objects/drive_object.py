@@ -303,9 +303,9 @@ class DriveObject(abc.ABC):
 
     # -- reports of others ------------------------------------------------------------------------------------------------
 
-    def raise_fault(self, number: FaultNumber, detail: str, now: int) -> None:
+    def raise_fault(self, number: FaultNumber, detail: str, now: int, remedy: str = "") -> None:
         """A fault of the gateway's own table."""
-        self._record(gateway_fault(number, detail, now))
+        self._record(gateway_fault(number, detail, now, remedy=remedy))
 
     def report_unusable(self, why: str) -> None:
         """The frames of the connected PLC have no setpoints from now on."""

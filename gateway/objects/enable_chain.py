@@ -174,7 +174,7 @@ class _Chain:
             self.passes(Enable.NODE)
             return True
         node = f"node {self.item.node_id}"
-        text, _, place = (client.refusal or client.status_text).partition("; ")
+        text, place = client.refusal or client.cause
         todo: Remedy = (place,) if place else ()
         origin = self.item.origins.present
         match client.status:

@@ -80,11 +80,8 @@ class Origin:
 
     @classmethod
     def of(cls, record: FaultRecord) -> Origin:
-        """That of a fault; its text may end with a remedy."""
-        fault, time = GATEWAY_FAULTS.get(record.number), record.time_ns
-        evidence, place = record.text, record.remedy
-        if not place and (fault is None or fault.by is not By.PLC):
-            evidence, _, place = evidence.partition("; ")
+        """That of a fault."""
+        fault, time, evidence, place = GATEWAY_FAULTS.get(record.number), record.time_ns, record.text, record.remedy
         if fault is None:
             return cls(By.DRIVE, evidence, time, (place or emcy_remedy(record.code),), record.number, time, 1)
         todo = (place,) if place else fault.remedy
@@ -101,10 +98,9 @@ def since(origin: Origin, loop: Loop) -> str:
     if origin.ended_ns:
         return f"{origin.evidence} from {clock(origin.first_ns, loop)} to {clock(origin.ended_ns, loop)}"
     times = f" ({origin.count} times)" if origin.count > 1 else ""
-    what, more, other = origin.evidence.partition("; ")
     ended = f"; {origin.ended}" if origin.ended else ""
     before = f"; before: {origin.before}" if origin.before else ""
-    return f"{what}, since {clock(origin.first_ns, loop)}{times}{more}{other}{ended}{before}"
+    return f"{origin.evidence}, since {clock(origin.first_ns, loop)}{times}{ended}{before}"
 
 
 class Origins:

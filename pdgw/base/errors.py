@@ -8,10 +8,12 @@ class PdgwError(Exception):
 
 
 class ValueNotAllowedError(PdgwError):
-    """Names the field or object, the offending value and what would have been allowed."""
+    """Names field or object, the offending value and what would have been allowed. ``remedy``: what to do, where that is more."""
 
-    def __init__(self, field: str, value: object, allowed: str) -> None:
+    def __init__(self, field: str, value: object, allowed: str, remedy: str = "") -> None:
         self.field = field
         self.value = value
         self.allowed = allowed
-        super().__init__(f"{field}: {value!r} is not allowed, expected {allowed}")
+        self.remedy = remedy
+        self.evidence = f"{field}: {value!r} is not allowed, expected {allowed}"
+        super().__init__(self.evidence + (remedy and f"; {remedy}"))

@@ -149,7 +149,7 @@ def test_node_whose_1005h_keeps_bit_30_is_refused() -> None:
     with operating(configuration(axis(1, telegram_number=105, more=DSC))) as (daemon, plc), exchanging(plc):
         with sync_after_boot(PRODUCER, daemon, read_only=True):
             until(daemon, lambda: daemon.axes[0].drive.refusal, "refused")
-        assert "1005h" in daemon.axes[0].drive.refusal
+        assert "1005h" in daemon.axes[0].drive.status_text
 
 
 def test_producer_of_sync_keeps_it_where_the_gateway_sends_none() -> None:

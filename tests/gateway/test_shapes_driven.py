@@ -381,4 +381,4 @@ def test_drive_without_the_objects_of_the_mode_and_with_objects_of_two_is_refuse
     with running(configuration(axis(1, more=""))) as daemon:
         world_of(daemon).drive("world", 1, shape=replace(INVERTER, lacks=INVERTER.lacks - {0x6071}))
         until(daemon, lambda: daemon.axes[0].drive.refusal, "refused")
-        assert "mode of operation (6060h/0 := 2h)" in daemon.axes[0].drive.refusal
+        assert "mode of operation (6060h/0 := 2h)" in daemon.axes[0].drive.status_text

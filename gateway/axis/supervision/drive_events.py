@@ -64,8 +64,6 @@ _BY: Final = {
     Loss.OTHER_MASTER: By.OTHER_MASTER,
     Loss.OTHER_TOOL: By.OTHER_MASTER,
 }
-_REMEDIES: Final = {Loss.OTHER_TOOL: "disconnect the other tool, or have it only read"}
-"""What to do about those who cause a loss, where the text of the notice does not say so."""
 _RESTARTING: Final = (Notice.BOOT, Notice.LOST, Notice.BUS_LOST)
 _REJECTIONS: Final = (Notice.REFUSED, Notice.TWO_DEVICES)
 _LOCAL: Final = "switch off what enables the drive: its panel, another tool, or enable at power-on"
@@ -191,10 +189,7 @@ class NodeWatch:
         self._outputs.happened().log_lines.append(f"node {text}")
 
     def _raise(self, number: FaultNumber, notice: NodeNotice) -> None:
-        by = notice.by
-        self._outputs.fault(
-            gateway_fault(number, notice.text, notice.time_ns, _BY[by], "" if by is None else _REMEDIES.get(by, ""))
-        )
+        self._outputs.fault(gateway_fault(number, notice.text, notice.time_ns, _BY[notice.by], notice.remedy))
 
     def set_error_code(self, code: int) -> None:
         """An error code of the drive, by EMCY or read."""
@@ -350,15 +345,15 @@ class DriveWatch:
             elif not shown:
                 begins = True
         elif state is State.OPERATION_ENABLED and previous in _BELOW and not interlock.expects_operation(now):
-            self._report_once(FaultNumber.LEFT_OPERATION, f"entered operation; {_LOCAL}", now)
+            self._report_once(FaultNumber.LEFT_OPERATION, "entered operation", now, _LOCAL)
         if begins:
             self.fault_since = now
             node.prove(now - EMERGENCY_PATIENCE_NS)
         node.proven = state in _PROOF or self.fault_since != 0
 
-    def _report_once(self, number: FaultNumber, detail: str, now: int) -> None:
+    def _report_once(self, number: FaultNumber, detail: str, now: int, remedy: str = "") -> None:
         if self._repetitions.is_new(number, now):
-            self._outputs.fault(gateway_fault(number, detail, now))
+            self._outputs.fault(gateway_fault(number, detail, now, remedy=remedy))
 
     def step(self, node: NodeWatch, now: int) -> None:
         """A fault without an EMCY of its own: the EMCY that were warnings announced it, and the drive has its number and code."""

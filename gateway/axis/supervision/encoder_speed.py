@@ -22,7 +22,7 @@ _FEWEST_POSITIONS: Final = 2
 """New positions in a step. With fewer, a motion between them is not seen."""
 _FLOOR: Final = 0.01
 """Speeds within this share of 100 % count as standstill: an encoder may report 0."""
-_REMEDY: Final = (
+REMEDY: Final = (
     "check the unit of 6030h in the encoder (6031h, 6005h), or use a data sheet (eds) without 6030h: then the gateway uses the "
     "speed of the position"
 )
@@ -101,7 +101,7 @@ class EncoderSpeedCheck:
             return ""
         self.deviates = bool(result)
         moved = abs(sum(self._moved)) / _STEPS
-        return f"the position moves at {moved:.0f} steps/s, 6030h reports {shown:.0f}; {_REMEDY}" if result else ""
+        return f"the position moves at {moved:.0f} steps/s, 6030h reports {shown:.0f}" if result else ""
 
     def _evaluate(self, shown: float) -> int | None:
         """See ``_result``."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.ds301.node.node import NodeStatus
+from pdgw.ds301.node.node import Cause, NodeStatus
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.reasons import AxisState, Enable, FaultNumber, Reason
 from pdgw.gateway.base.step_text import remedy_text
@@ -265,7 +265,7 @@ def test_a_refused_device_is_distinguished_from_an_absent_one() -> None:
         run_out(plc)
         assert first(daemon).reason is Reason.DRIVE_OFFLINE
         client = daemon.axes[0].client
-        client.status, client.refusal = NodeStatus.REFUSED, "1018h/1 is 5, not 4"
+        client.status, client.refusal = NodeStatus.REFUSED, Cause("1018h/1 is 5, not 4")
         assert first(daemon).reason is Reason.NODE_REFUSED, daemon.axes[0].enable_status.sentence
 
 

@@ -36,6 +36,7 @@ from tests.support.documents.origin_situations import (
 )
 from tests.support.documents.situations import SLOW_PLC, Step, both, in_operation, run_out, words
 from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running
+from tests.test_package import ROOT
 
 
 def silent(plc: Plc, _: Daemon) -> None:
@@ -433,3 +434,10 @@ def test_a_cause_that_is_known_stays(by: By) -> None:
 def test_other_faults_and_losses_long_ago_stay() -> None:
     assert "first symptom" in prove(guessed(FaultNumber.STOP_IGNORED), 0)
     assert "first symptom" in prove(guessed(FaultNumber.NODE_LOST), PROOF_NS + 1)
+
+
+def test_no_text_is_taken_apart_into_evidence_and_remedy() -> None:
+    """They are fields from the place where they are known."""
+    rooms = ("ds301", "dsp402", "dsp406", "gateway", "tools")
+    files = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
+    assert not [file for file in files if re.search(r"(?:partition|split)\(.; .\)", file.read_text("utf-8"))]

@@ -492,7 +492,7 @@ def test_drive_that_never_shows_operation_gets_no_setpoint_and_then_quick_stop()
     without_reaction(bench, ON, 5)
     assert command.controlword & 0xF == 0x2
     assert numbers(bench) == [FaultNumber.NOT_ENTERED]
-    assert "of Enable Operation, Statusword 0233h; check safe torque off (STO)" in bench.stepper.events[-1].text
+    assert "of Enable Operation, Statusword 0233h" in bench.stepper.events[-1].text
     assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
