@@ -139,8 +139,8 @@ class CanNetwork(Receiver):
         self._refused_at = 0
         self._pdos: dict[int, PdoReceiver] = {}
         self._subscribers: dict[int, list[PdoCallback]] = {}
-        self.nodes_seen: set[int] = set()
-        """Node-IDs that have sent a heartbeat or a boot-up message."""
+        self._nodes_seen: dict[int, int] = {}
+        """Node-IDs that have sent a heartbeat or a boot-up message, and when the first one came."""
         self._nodes_of_pdos: dict[int, int] = {}
         """Node-ID by the COB-ID of a PDO."""
         self._watchers: list[Callable[[int], None]] = []
@@ -220,10 +220,10 @@ class CanNetwork(Receiver):
         """The end of ``subscribe``."""
         self._subscribers[cob_id].remove(callback)
 
-    @property
-    def unconfigured(self) -> list[int]:
-        """Nodes that were heard, and are none of those of the gateway."""
-        return sorted(node for node in self.nodes_seen if not self.is_subscribed(ERROR_CONTROL + node))
+    def unconfigured(self, since: int = 0) -> list[int]:
+        """Nodes that were heard first after this time, and are none of those of the gateway."""
+        seen = self._nodes_seen.items()
+        return sorted(node for node, first in seen if first >= since and not self.is_subscribed(ERROR_CONTROL + node))
 
     @property
     def healthy(self) -> bool:
@@ -471,7 +471,7 @@ class CanNetwork(Receiver):
             receiver.receive(data, now)
             return
         if can_id > ERROR_CONTROL and can_id & _FUNCTION == ERROR_CONTROL:
-            self.nodes_seen.add(can_id - ERROR_CONTROL)
+            self._nodes_seen.setdefault(can_id - ERROR_CONTROL, now)
         self._asked.discard(can_id + _TO_REQUEST)
         for receive in self._subscribers.get(can_id, ()):
             receive(data, now)

@@ -192,7 +192,9 @@ class _Chain:
                 self.breaks(offline, f"{node} on bus {network.name} sends no data in time")
             case _ if client.is_first_request:
                 self.breaks(Reason.NODE_CONFIGURING, f"{node} has not answered yet")
-            case NodeStatus.OFFLINE if others := network.unconfigured:
+            case NodeStatus.OFFLINE | NodeStatus.LOST if others := network.unconfigured(
+                client.received_ns if client.status is NodeStatus.LOST else 0
+            ):
                 there = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
                 self.breaks(offline, f"{node} on bus {network.name}: {text}; {there}", (_WRONG_NODE_ID,))
             case _:

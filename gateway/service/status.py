@@ -304,7 +304,7 @@ def _head(daemon: RunningGateway) -> dict[str, Any]:
                 "bitrate": bus.bitrate,
                 "healthy": (outage := _outage(daemon.networks[bus.name])) is None,
                 "outage": "" if outage is None else outage.text,
-                "unconfigured": daemon.networks[bus.name].unconfigured,
+                "unconfigured": daemon.networks[bus.name].unconfigured(),
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
             for bus in config.can

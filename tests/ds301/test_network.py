@@ -550,3 +550,13 @@ def test_monitors_judge_after_the_frames_that_wait() -> None:
     waiting.send()
     waiting.loop.run_for(30 * MS)
     assert seen == [1]
+
+
+def test_nodes_without_a_configuration_are_known_from_their_first_heartbeat_on() -> None:
+    """Only one that appears after a loss may be the lost device with another node-ID."""
+    network = CanNetwork(VirtualLoop(), Ports())
+    network.subscribe(0x701, lambda _data, _now: None)
+    for node, now in ((1, SECOND), (2, SECOND), (3, 3 * SECOND), (2, 5 * SECOND)):
+        network.on_frame(0x700 + node, b"\x05", now)
+    assert network.unconfigured() == [2, 3]
+    assert network.unconfigured(2 * SECOND) == [3]

@@ -131,19 +131,19 @@ def _move_emcy(daemon: Daemon) -> None:
     drive_of(daemon).node.values[EMCY_COB_ID, 0] = _MOVED
 
 
-def _set_node_id(daemon: Daemon, node_id: int) -> None:
+def set_node_id(daemon: Daemon, node_id: int) -> None:
     node = drive_of(daemon).node
     node.node_id = node_id
     node.restart()
 
 
 def _other_node_id(plc: Plc, daemon: Daemon) -> None:
-    _set_node_id(daemon, 2)
+    set_node_id(daemon, 2)
     plc.until(lambda: daemon.axes[0].client.status is NodeStatus.OFFLINE, "no answer")
 
 
-def _right_node_id(plc: Plc, daemon: Daemon) -> None:
-    _set_node_id(daemon, 1)
+def right_node_id(plc: Plc, daemon: Daemon) -> None:
+    set_node_id(daemon, 1)
     online(plc, daemon)
 
 
@@ -211,7 +211,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         begin=_other_node_id,
         says=("Not on the bus", "no answer from node 1", "not in the configuration: node 2", "pdgw bus scan"),
         lacks=("being configured",),
-        cure=_right_node_id,
+        cure=right_node_id,
     ),
     "the drive sends its EMCY with another COB-ID (1014h)": DeviceSituation(
         spoil=_move_emcy, begin=_overcurrent, says=_OVERCURRENT, cure=acknowledge

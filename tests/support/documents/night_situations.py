@@ -14,10 +14,10 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.tools.output.status_text import Health
-from tests.support.documents.device_situations import MDI, POSITIONER
+from tests.support.documents.device_situations import MDI, POSITIONER, right_node_id, set_node_id
 from tests.support.documents.origin_situations import find, miss
 from tests.support.documents.situations import Situation, Step, acknowledge, both, online, run_out, words
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, drive_of, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, drive_of, switch_off, world_of
 
 _AGAIN = words((OFF, {}), (ON, {}))
 
@@ -180,6 +180,10 @@ def _lose_home(plc: Plc, daemon: Daemon) -> None:
     words((0x043E, {}), (0x043F, MDI | {"MDI_TARPOS": 200_000, "MDI_VELOCITY": 1200}), (0x047F, {}))(plc, daemon)
 
 
+def _change_node_id(_: Plc, daemon: Daemon) -> None:
+    set_node_id(daemon, 2)
+
+
 def _stop_sending(places: int) -> Step:
     """The CAN adapter receives, takes this number of frames to send and sends none."""
 
@@ -315,6 +319,15 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         lacks=("80h",),
         health=Health.WARNING,
         cure=_AGAIN,
+    ),
+    "a technician sets another node-ID while the drive is lost": Situation(
+        begin=both(lambda _, daemon: switch_off(daemon, drive_of(daemon)), _wait(2), _change_node_id),
+        says=(
+            "Not on the bus: node 1 on bus can: silent",
+            "also on this bus and not in the configuration: node 2",
+            "compare the node-ID of the device with the configuration",
+        ),
+        cure=right_node_id,
     ),
     "another tool has set the greatest speed of the drive below the setpoint": Situation(
         begin=both(_limit_speed, _wait(2)),
