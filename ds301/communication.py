@@ -32,6 +32,21 @@ SDO_REQUEST: Final = 0x600
 """Base: to the server."""
 ERROR_CONTROL: Final = 0x700
 """Base: heartbeat, boot-up and node guarding."""
+LSS_RESPONSE: Final = 0x7E4
+LSS_REQUEST: Final = 0x7E5
+LSS_NO_NODE_ID: Final = 0xFF
+"""Node-ID of a device that has none: it answers LSS only."""
+LSS_BIT_TIMINGS: Final = {
+    1_000_000: 0,
+    800_000: 1,
+    500_000: 2,
+    250_000: 3,
+    125_000: 4,
+    50_000: 6,
+    20_000: 7,
+    10_000: 8,
+}
+"""Bit rates of CiA 301, each with its number in table 0 of LSS. Source: CiA 305."""
 
 
 HEARTBEAT_STATE: Final = 0x7F
@@ -90,9 +105,12 @@ TIME_COB_ID = 0x1012
 EMCY_COB_ID = 0x1014
 CONSUMER_HEARTBEAT = 0x1016
 PRODUCER_HEARTBEAT = 0x1017
+VERIFY_CONFIGURATION = 0x1020
+"""Date and time of the stored configuration: sub-index 1 days since 1984-01-01, 2 milliseconds since midnight."""
 IDENTITY = 0x1018
 IDENTITY_VENDOR = (IDENTITY, 1)
 IDENTITY_PRODUCT = (IDENTITY, 2)
+IDENTITY_REVISION = (IDENTITY, 3)
 IDENTITY_SERIAL = (IDENTITY, 4)
 
 ERROR_BEHAVIOUR = 0x1029

@@ -42,6 +42,9 @@ class Behaviour:
     def end(self) -> None:
         """End the habit."""
 
+    def restarting(self, *, powered: bool) -> None:
+        """Before the values of a reset are set. ``powered``: the firmware restarts or power returns, not communication alone."""
+
     def poll(self, now: int) -> None:
         """Called with the time (monotonic ns), also while the node is silent."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from pdgw.ds301.communication import NmtState
 from pdgw.ds301.objects import Entry, ObjectSpec
@@ -18,6 +18,8 @@ class Device:
         self.node_id = node_id
         self.image = image
         self.now = 0
+        self.bitrate_changed: Callable[[int], None] = lambda rate: None
+        """Called with the bit rate that the device has from now on; 0: that of the bus."""
         self.state = NmtState.BOOT_UP
         self.entries: dict[tuple[int, int], Entry] = {(e.index, e.subindex): e for s in objects for e in s.entries}
         self.indices = {spec.index for spec in objects}
@@ -64,6 +66,10 @@ class Device:
 
     def power_off(self) -> None:
         """Switch off; no frames until the node is started."""
+        raise NotImplementedError
+
+    def renumber(self, node_id: int) -> None:
+        """Reset communication, with this node-ID from now on."""
         raise NotImplementedError
 
     def restart(self) -> None:

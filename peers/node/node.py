@@ -2,7 +2,7 @@
 
 Source: CiA DS 301 V4.01: NMT slave, heartbeat producer and consumer, EMCY, SDO server, PDOs with run-time
 mapping: on SYNC, event-driven, on remote request. A device profile derives from it, passes an ``image`` whose attributes are
-the values of mappable objects, and overrides the ``on_...`` hooks. Not simulated: TIME, LSS, node guarding.
+the values of mappable objects, and overrides the ``on_...`` hooks. LSS is a habit (``lss``). Not simulated: TIME, node guarding.
 """
 
 from __future__ import annotations
@@ -222,7 +222,15 @@ class SimulatedNode(Device):
         """Restart the firmware, or switch on: power-on values, boot-up message."""
         self.switched(True)
         self.on_reset()
+        for behaviour in self.behaviours.values():
+            behaviour.restarting(powered=True)
         self._defaults()
+        self._boot()
+
+    def renumber(self, node_id: int) -> None:
+        """Reset communication, with this node-ID from now on."""
+        self.node_id = node_id
+        self._defaults(COMMUNICATION_AREA[-1])
         self._boot()
 
     def transmit(self, can_id: int, data: bytes, past: object = None) -> None:
@@ -388,8 +396,9 @@ class SimulatedNode(Device):
             if command == NmtCommand.RESET_NODE:
                 self.restart()
             else:
-                self._defaults(COMMUNICATION_AREA[-1])
-                self._boot()
+                for behaviour in self.behaviours.values():
+                    behaviour.restarting(powered=False)
+                self.renumber(self.node_id)
             return
         target = next((state for key, state in targets.items() if key == command), None)
         if target is None or target is self.state:

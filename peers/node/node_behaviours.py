@@ -18,6 +18,7 @@ from pdgw.ds301.communication import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST, SDO_
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
 from pdgw.ds301.sdo_transfer import COMMAND, CONFIRM, DOWNLOAD, EXPEDITED, SEGMENT, SIZE, TOGGLE, UPLOAD
 from pdgw.peers.node.behaviour import Behaviour, catalogue
+from pdgw.peers.node.lss import LssSlave
 from pdgw.peers.node.object_behaviours import OBJECT_BEHAVIOURS
 
 # -- frames ---------------------------------------------------------------------------------------------------------------
@@ -334,6 +335,7 @@ NODE_BEHAVIOURS: Final = (
     BusOff,
     ErrorPassive,
     Reboot,
+    LssSlave,
 )
 NODE_HABITS: Final = catalogue("node", NODE_BEHAVIOURS)
 """All habits of any CANopen device."""

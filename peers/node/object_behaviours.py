@@ -14,7 +14,13 @@ from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter
 from pdgw.peers.node.behaviour import Behaviour
-from pdgw.peers.node.device import Value
+from pdgw.peers.node.device import Device, Value
+
+
+def _value(node: Device, entry: Entry) -> Value:
+    """The present value of an object."""
+    value: Value = getattr(node.image, entry.attribute) if entry.attribute else node.values[entry.address]
+    return value
 
 
 class ObjectMissing(Behaviour):
@@ -77,7 +83,7 @@ class ObjectValue(Behaviour):
         for address in ((self.index, sub) for sub in self.subindexes):
             entry = node.entries.get(address)
             if entry is not None:
-                self._own[entry] = getattr(node.image, entry.attribute) if entry.attribute else node.values[address]
+                self._own[entry] = _value(node, entry)
             elif self.type:
                 node.indices.add(self.index)
                 self._added.append(address)
@@ -136,6 +142,60 @@ class RoundedTimes(Behaviour):
         return rounded.to_bytes(len(time), "little") + data[len(time) :]
 
 
+class WriteRefused(Behaviour):
+    """Writes of an object are aborted, with ``abort``."""
+
+    index = 0
+    abort = Abort.VALUE_RANGE
+
+    def writing(self, entry: Entry, data: bytes) -> bytes:
+        if entry.index == self.index:
+            raise SdoAbortedError(self.abort)
+        return data
+
+
+class RoundedValue(Behaviour):
+    """Values of an object are rounded down to multiples of ``step``."""
+
+    index = 0
+    step = 1
+
+    def writing(self, entry: Entry, data: bytes) -> bytes:
+        if entry.index != self.index or not entry.type.char:
+            return data
+        signed = entry.type.char.islower()
+        value = int.from_bytes(data, "little", signed=signed)
+        return (value // self.step * self.step).to_bytes(len(data), "little", signed=signed)
+
+
+class ActsAfterRestart(Behaviour):
+    """Values of an object act after storing (1010h) and a restart: before, the device shows the new one and acts by the old one."""
+
+    index = 0
+
+    def begin(self) -> None:
+        self._shown: dict[Entry, bytes] = {}
+        self._stored: dict[Entry, bytes] = {}
+
+    def reading(self, entry: Entry, data: bytes) -> bytes:
+        return self._shown.get(entry, data)
+
+    def writing(self, entry: Entry, data: bytes) -> bytes:
+        if entry.index == com.STORE_PARAMETERS:
+            self._stored = dict(self._shown)
+        if entry.index != self.index:
+            return data
+        self._shown[entry] = data
+        return int(_value(self.node, entry)).to_bytes(len(data), "little", signed=entry.type.char.islower())
+
+    def restarting(self, *, powered: bool) -> None:
+        if powered:
+            for entry, data in self._stored.items():
+                signed = entry.type.char.islower()
+                self.node.stored[entry.address] = int.from_bytes(data, "little", signed=signed)
+            self._shown.clear()
+
+
 class SyncCounter(ObjectValue):
     """The device has 1019h, and accepts a SYNC only with the counter that this object demands."""
 
@@ -158,5 +218,8 @@ OBJECT_BEHAVIOURS: Final = (
     ObjectValue,
     WrongIdentity,
     RoundedTimes,
+    WriteRefused,
+    RoundedValue,
+    ActsAfterRestart,
     SyncCounter,
 )

@@ -78,6 +78,7 @@ class RunningNode(Generic[N]):
         self.node = make(self._send)
         self._power: Callable[[bool], None] | None = getattr(self.port, "power", None)
         """Switches a port that has the supply of its device: without power it does not acknowledge frames."""
+        self.node.bitrate_changed = getattr(self.port, "set_bitrate", self.node.bitrate_changed)
         if self._power is not None:
             self._power(False)
         self.running = False

@@ -2,8 +2,8 @@
 
 Source: Bosch CAN 2.0A (arbitration, fault confinement). A frame takes its worst-case bit time (``ds301.bus.load``) by
 default. A member has a queue of frames like SocketCAN; its oldest one takes part in the arbitration. A frame that no other
-member acknowledges is repeated; its sender becomes error-passive, but not bus-off. Not simulated: error-passive timing,
-overload frames.
+member acknowledges is repeated; its sender becomes error-passive, but not bus-off. A frame at another bit rate is destroyed. Not
+simulated: error-passive timing, overload frames, what a silent member at another bit rate does to the frames of others.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ class Member:
         self.powered = True
         """Without power it neither receives nor acknowledges."""
         self.closed = False
+        self.bitrate = bus.bitrate
         self.queue: deque[tuple[int, bytes]] = deque()
         self.errors = 0
         """The transmit error counter."""
@@ -114,6 +115,10 @@ class Member:
                 self.queue.clear()
             self._bus.changed(self)
 
+    def set_bitrate(self, bitrate: int) -> None:
+        """Change its bit rate; 0: that of the bus."""
+        self.bitrate = bitrate or self._bus.bitrate
+
     def connect(self, connected: bool) -> None:
         """Cut or connect its wires; when connected, it sends its queued frames."""
         self.connected = connected
@@ -155,6 +160,7 @@ class SimulatedCan:
     def __init__(self, loop: Loop, name: str, bitrate: int, random: Random) -> None:
         self.name = name
         self.loop = loop
+        self.bitrate = bitrate
         self.error_rate = 0.0
         self.taps: list[Tap] = []
         """Called for every transmitted frame."""
@@ -240,21 +246,22 @@ class SimulatedCan:
         first = listeners = 0
         for member in self.members:
             if member.active:
-                listeners += 1
+                listeners += self._hears(member)
                 if member.queue:
                     rank = _rank(member.queue[0][0])
                     if winner is None or rank < first:
                         winner, first = member, rank
         if winner is None:
             return
-        if listeners < 2:
+        hears = self._hears(winner)
+        if listeners < 1 + hears:
             self._try_alone(winner)
             return
         can_id, data = winner.queue[0]
         duration = int(self.bits_of(can_id, data) * self._bit_ns)
         self._sender = winner
         self._began = self.loop.now()
-        if self.error_rate and self._random.random() < self.error_rate:
+        if not hears or (self.error_rate and self._random.random() < self.error_rate):
             duration = int(duration * self._random.random() + _ERROR_BITS * self._bit_ns)
             self._timer = self.loop.call_at(self._began + duration, self._destroyed)
         else:
@@ -276,7 +283,12 @@ class SimulatedCan:
 
     def _acknowledges(self, sender: Member) -> bool:
         """Whether another member acknowledges the frames of a sender."""
-        return sender.connected and any(member.active for member in self.members if member is not sender)
+        others = (member for member in self.members if member is not sender)
+        return sender.connected and any(member.active and self._hears(member) for member in others)
+
+    def _hears(self, member: Member) -> bool:
+        """Whether a member has the bit rate of the bus."""
+        return member.bitrate == self.bitrate
 
     def _complete(self) -> None:
         sender = self._sender
@@ -293,8 +305,12 @@ class SimulatedCan:
         for tap in self.taps:
             tap(self.loop.now(), sender, can_id, data)
         for member in tuple(self.members):
-            if member is not sender and member.active:
+            if member is sender or not member.active:
+                continue
+            if self._hears(member):
                 member.deliver(can_id, data)
+            else:
+                member.report_error()
         sender.report_room()
         self._delivering = False
         if sender.closed:

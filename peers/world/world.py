@@ -99,6 +99,7 @@ class World:
         if channel in self._unplugged:
             raise CanopenError("CAN interface", channel, "one that is plugged in")
         port = self._gateways[channel] = self.bus(channel, config.bitrate).join(GATEWAY, self.gateway_places)
+        port.set_bitrate(config.bitrate or 0)
         return port
 
     def open_udp(self, listen: str, port: int, purpose: str) -> SimulatedUdpPort:

@@ -14,6 +14,7 @@ from unittest.mock import patch
 
 import canopen
 import canopen.emcy
+import canopen.lss
 import canopen.nmt
 import canopen.pdo.base
 import canopen.profiles.p402
@@ -23,7 +24,7 @@ from pdgw.base.durations import SECOND
 from pdgw.ds301.bus.can_frame import REMOTE
 from pdgw.peers.world import World
 
-_WAITING = (canopen.sdo.client, canopen.pdo.base, canopen.nmt, canopen.emcy, canopen.profiles.p402)
+_WAITING = (canopen.sdo.client, canopen.pdo.base, canopen.nmt, canopen.emcy, canopen.lss, canopen.profiles.p402)
 
 
 def _run_until(world: World, condition: Any, timeout_s: float) -> bool:

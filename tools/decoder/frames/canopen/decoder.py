@@ -23,6 +23,8 @@ from pdgw.ds301.communication import (
     HEARTBEAT_STATE,
     IDENTITY_PRODUCT,
     IDENTITY_VENDOR,
+    LSS_REQUEST,
+    LSS_RESPONSE,
     NMT,
     SDO_REQUEST,
     SDO_RESPONSE,
@@ -66,7 +68,7 @@ from pdgw.tools.decoder.frames.records import Record
 Dictionary = Callable[[int], Sequence[Entry] | None]
 """The EDS/DCF entries of a node-ID, None if none was given; defaults contain the node's own COB-IDs."""
 
-LSS: Final = {0x7E4: "LSS response", 0x7E5: "LSS request"}
+LSS: Final = {LSS_RESPONSE: "LSS response", LSS_REQUEST: "LSS request"}
 _NODE = 0x7F
 _SDO_HEAD: Final = 4
 """Command byte, index and subindex."""
