@@ -5,6 +5,8 @@ Source: CiA DS 301 V4.02 chapter 7.5.2.35-38 (1400h-1BFFh), CiA 306 (access, def
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import canopen
 from canopen.objectdictionary import ODVariable
 
@@ -25,13 +27,17 @@ def variable(dictionary: canopen.ObjectDictionary, index: int, subindex: int = 0
     return found
 
 
+def variables(dictionary: canopen.ObjectDictionary) -> Iterator[ODVariable]:
+    """All entries of a data sheet, in its order."""
+    for item in dictionary.values():
+        if isinstance(item, ODVariable):
+            yield item
+        else:
+            yield from item.values()
+
+
 def pdo_capabilities(dictionary: canopen.ObjectDictionary) -> PdoCapabilities:
-    mappable = {
-        (item.index, item.subindex)
-        for top in dictionary.values()
-        for item in ([top] if isinstance(top, ODVariable) else top.values())
-        if item.pdo_mappable
-    }
+    mappable = {(item.index, item.subindex) for item in variables(dictionary) if item.pdo_mappable}
     return PdoCapabilities(
         _slots(dictionary, PdoDirection.RPDO), _slots(dictionary, PdoDirection.TPDO), frozenset(mappable)
     )

@@ -10,14 +10,11 @@ import math
 import re
 import struct
 
-_SIGNED = {0x02: 8, 0x03: 16, 0x04: 32, 0x10: 24, 0x12: 40, 0x13: 48, 0x14: 56, 0x15: 64}
-_UNSIGNED = {0x05: 8, 0x06: 16, 0x07: 32, 0x16: 24, 0x18: 40, 0x19: 48, 0x1A: 56, 0x1B: 64, 0x01: 8, 0x0C: 48, 0x0D: 48}
-INTEGERS = {code: (bits, code in _SIGNED) for code, bits in (_SIGNED | _UNSIGNED).items()}
-"""Data types with whole numbers: bits and whether signed. BOOLEAN has 8 bits, TIME_OF_DAY and TIME_DIFFERENCE 48."""
+from pdgw.ds301.values import INTEGERS, UNICODE_STRING
+
 _TIMES = (0x0C, 0x0D)
 _REALS = {0x08: "!f", 0x11: "!d"}
 UNSIGNED8 = 0x05
-UNICODE_STRING = 0x0B
 DOMAIN = 0x0F
 _OCTETS = (0x0A, DOMAIN)
 DATA_TYPES = frozenset((*INTEGERS, *_REALS, 0x09, *_OCTETS, UNICODE_STRING))

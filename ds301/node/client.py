@@ -13,6 +13,7 @@ import struct
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
+from functools import partial
 from types import MappingProxyType
 from typing import ClassVar, Final, Generic, Self, TypeVar
 
@@ -28,6 +29,7 @@ from pdgw.ds301.communication import (
     EMCY_COB_ID,
     ERROR_CONTROL,
     ERROR_REGISTER,
+    IDENTITY,
     NMT,
     SDO_REQUEST,
     SYNC_COB_ID,
@@ -40,6 +42,7 @@ from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
+from pdgw.ds301.node.device_values import DeviceConfiguration, ValueWriter
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import Cause, Loss, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
@@ -48,6 +51,7 @@ from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.polling import POLL_NS, Polling
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, PdoReceiver, pdo_of
+from pdgw.ds301.values import KnownDevice
 
 log = logging.getLogger("gateway")
 
@@ -116,6 +120,9 @@ class NodeClient(abc.ABC, Generic[S]):
         """In a job: SDO write of a value that the owner commands: index, subindex and data."""
         self.write_for_client: Callable[[int, int, bytes], None] = self.sdo.write
         """The same for a parameter client."""
+        self.configuration = DeviceConfiguration(partial(self._notify, "status"))
+        """The values of its files, and what is known of its device."""
+        self._value_writer = ValueWriter(self.sdo)
         self.settings = settings
         self.layout = layout
         """The objects to transfer, with their preferred PDOs."""
@@ -352,6 +359,10 @@ class NodeClient(abc.ABC, Generic[S]):
             self.loss = Loss.OTHER_TOOL
             self._lose(Cause(text, _TOOL))
 
+    def distrust_write(self, index: int, subindex: int) -> None:
+        """Another tool writes an object that the gateway relies on."""
+        self.distrust(f"another tool writes {index:04X}h/{subindex}")
+
     def _apply_times(self) -> None:
         settings = self.settings
         self._sdo_timeout_ns = max(settings.sdo_timeout_ms * MS, self._slow)
@@ -484,7 +495,9 @@ class NodeClient(abc.ABC, Generic[S]):
                 Notice.PROGRESS, "1005h bit 30 cleared: the node has sent SYNC, which the gateway sends on this bus"
             )
         self._find_emcy()
-        self._expected_accesses = self.sdo.accesses + _CONFIGURATION
+        values = self.settings.values
+        self._expected_accesses = self.sdo.accesses + len(values.items) + _CONFIGURATION
+        self.configuration.bring_up(values, self._read_known(), self._value_writer)
         self._set_status(NodeStatus.CONFIGURING, Cause("mapping PDOs"))
         plan = self._configure_pdos()
         if plan.needs_sync and self._may_have(SYNC_COUNTER):
@@ -497,6 +510,10 @@ class NodeClient(abc.ABC, Generic[S]):
         self.heartbeat.begin(self.settings.heartbeat_ms)
         self._started = self.loop.now()
         self._nmt(NmtCommand.START)
+
+    def _read_known(self) -> KnownDevice:
+        """The device that is there."""
+        return KnownDevice(*(self.sdo.read_optional(IDENTITY, subindex) for subindex in range(1, 5)))
 
     def _find_emcy(self) -> None:
         """Also take the EMCY from the COB-ID in 1014h, unless other frames have it."""

@@ -6,7 +6,7 @@ Source: CiA DS 301 (heartbeat, EMCY, PDO).
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from pdgw.base.durations import MS
 from pdgw.base.errors import ValueNotAllowedError
 from pdgw.ds301.node.doubles import Jumps, SecondTpdos
 from pdgw.ds301.pdo import Pdo, PdoReceiver
+from pdgw.ds301.values import DeviceValues
 
 
 class NodeStatus(enum.Enum):
@@ -74,6 +75,8 @@ class NodeSettings:
     """RPDOs use SYNC with this period (1006h), too; 0: they take effect on arrival."""
     cycle_ms: int = 0
     """Time between two SYNC of the gateway."""
+    values: DeviceValues = field(default_factory=DeviceValues)
+    """What its objects must have at each bring-up."""
 
     @property
     def heartbeat_limit_ns(self) -> int:

@@ -20,6 +20,7 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     DEVICE_TYPE,
     IDENTITY_PRODUCT,
+    IDENTITY_REVISION,
     IDENTITY_SERIAL,
     IDENTITY_VENDOR,
     RESTORE_PARAMETERS,
@@ -37,6 +38,7 @@ from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.node.polling import PolledObject
 from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.ds301.pdo import PdoCapabilities, PdoLayout
+from pdgw.ds301.values import KnownDevice
 from pdgw.dsp402.acting import KEPT, Treatment, acting_in, left_to_the_drive, read_acting, readable
 from pdgw.dsp402.drive.guarding import Guarding, guard, write_interpolation
 from pdgw.dsp402.drive.images import UNKNOWN, DriveCommand, DriveFeedback
@@ -47,9 +49,11 @@ from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive.tpdo_check import TpdoCheck
 from pdgw.dsp402.drive.unit_check import UnitCheck
+from pdgw.dsp402.drive.value_writer import DriveValueWriter
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, describe, questions, signed
 from pdgw.dsp402.identification.generic import dictionary_of, generic_dictionary
+from pdgw.dsp402.identification.overlay import overlay, overlay_for
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import (
     CONTROLWORD,
@@ -85,6 +89,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     kind = DeviceKind("drive", "a drive", DRIVE_PROFILE, Dsp402Error)
     unknown = UNKNOWN
+    _value_writer: DriveValueWriter
 
     def __init__(
         self,
@@ -120,6 +125,7 @@ class DriveClient(NodeClient[DriveSettings]):
         """The drive's values of limits and ramps that the gateway overwrites."""
         self.command = self.own_values.write
         self.write_for_client = self._write_for_client
+        self._value_writer = DriveValueWriter(sdo, self.own_values)
         self._left_overs = LeftOvers(sdo, self._notify)
         self.zeroed: frozenset[ObjectAddress] = frozenset()
         """Objects that stay 0, because the drive would add them to the setpoint."""
@@ -295,9 +301,17 @@ class DriveClient(NodeClient[DriveSettings]):
         except SdoAbortedError as error:
             return None if error.code in NOT_THERE else b""
 
-    def _read_capabilities(self) -> PdoCapabilities:
-        self.serial_number = self.sdo.read_optional(*IDENTITY_SERIAL)
+    def _read_known(self) -> KnownDevice:
+        revision, self.serial_number = (
+            self.sdo.read_optional(*address) for address in (IDENTITY_REVISION, IDENTITY_SERIAL)
+        )
         self.own_values.identify((*self._device, self.serial_number))
+        name = self.sdo.dictionary.device_information.product_name or ""
+        family = self.settings.family
+        self._value_writer.family = overlay(family) if family else overlay_for(*self._device, name)
+        return KnownDevice(*self._device, revision, self.serial_number)
+
+    def _read_capabilities(self) -> PdoCapabilities:
         carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
         self.own_values.carry(carried, off=self._is_off)
         drive = self._describe()

@@ -190,6 +190,8 @@ class Overlay(_Model):
     """Texts of the manufacturer's homing methods."""
     faults: dict[int, Fault] = {}
     """Faults by the manufacturer's number."""
+    act_after_restart: frozenset[Annotated[int, BeforeValidator(_index)]] = frozenset()
+    """Objects of the manufacturer whose new values act after storing (1010h) and a restart."""
     quirks: QuirkKeys = QuirkKeys()
     units: Units = Units()
 

@@ -26,6 +26,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from pdgw.base.files import read_file
+from pdgw.ds301.values import KnownDevice
 from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.dsp402.drive_type import Scaling
 from pdgw.gateway.base.errors import GatewayError, at_most, problem
@@ -80,6 +81,8 @@ class DoParameters(IdentificationTexts):
     """P927: 1 = the parameter channel may write."""
     name: Annotated[str, Field(max_length=32)] = ""
     units_witnessed: ConfirmedUnits | None = None
+    device: KnownDevice = KnownDevice()
+    """The device of its last bring-up."""
     own_values: OwnValues = OwnValues()
     """The drive's own values of the objects that the gateway overwrites, until they were written back."""
 

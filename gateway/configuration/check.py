@@ -31,9 +31,14 @@ def _interfaces(config: GatewayConfig) -> Iterator[Problem]:
 
 def _sheets(section: str, items: Sequence[AxisConfig | EncoderConfig]) -> Iterator[Problem]:
     for number, item in enumerate(items):
-        wrong = _sheet(item) if item.eds is not None else ""
-        if wrong:
-            yield Problem((section, number, "eds"), repr(str(item.eds)), wrong)
+        key = "dcf" if item.eds == item.dcf else "eds"
+        if item.eds is not None and (wrong := _sheet(item)):
+            yield Problem((section, number, key), repr(str(item.eds)), wrong)
+            continue
+        try:
+            item.device_values(section)
+        except CanopenError as error:
+            yield Problem((section, number, "objects" if item.objects else "dcf"), "", str(error))
 
 
 def _sheet(item: AxisConfig | EncoderConfig) -> str:

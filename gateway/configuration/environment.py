@@ -14,6 +14,7 @@ from pdgw.base.durations import MS
 from pdgw.base.validation import misplaced
 from pdgw.ds301.communication import DEFAULT_GATEWAY_NODE_ID, NODE_IDS
 from pdgw.ds301.node.node import NodeSettings
+from pdgw.ds301.values import DeviceValues
 from pdgw.gateway.base import identity
 from pdgw.gateway.configuration.defaults import (
     LONGEST_AGE_MS,
@@ -23,6 +24,7 @@ from pdgw.gateway.configuration.defaults import (
     WATCHDOG_FACTOR_MAX,
     Trigger,
 )
+from pdgw.gateway.configuration.device_values import Value, check_objects, device_values
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -77,8 +79,23 @@ class DriveObjectSection(Section):
     can: str | None = None
     """Name of its bus; None: the first."""
     eds: Path | None = None
+    dcf: Path | None = None
+    """Its values are written to the device at each bring-up. It is the data sheet, too, where ``eds`` is not given."""
+    objects: Annotated[dict[str, Value], AfterValidator(check_objects)] = {}
+    """Further values, by the name of their object."""
     heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = _NODE.heartbeat_ms
     sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = _NODE.sdo_timeout_ms
+
+    @model_validator(mode="before")
+    @classmethod
+    def _dcf_is_a_data_sheet(cls, keys: object) -> object:
+        if isinstance(keys, dict) and keys.get("eds") is None and keys.get("dcf") is not None:
+            return {**keys, "eds": keys["dcf"]}
+        return keys
+
+    def device_values(self, section: str) -> DeviceValues:
+        """The values that its device gets; see the function. ``section``: of its table."""
+        return device_values(section, self.node_id, self.dcf, self.eds, self.objects)
 
 
 class CanConfig(BaseModel):

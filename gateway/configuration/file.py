@@ -157,10 +157,11 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
     encoders = tuple(_resolved(encoder, path) for encoder in config.encoder)
     sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
     missing = [
-        problem_text(Problem((section, number, "eds"), repr(str(item.eds)), "not a file"), text, str(path))
+        problem_text(Problem((section, number, key), repr(str(file)), "not a file"), text, str(path))
         for section, items in sections
         for number, item in enumerate(items)
-        if item.eds is not None and not item.eds.is_file()
+        for key, file in (("dcf", item.dcf), ("eds", None if item.eds == item.dcf else item.eds))
+        if file is not None and not file.is_file()
     ]
     if missing:
         raise GatewayError("\n".join(missing))
@@ -173,7 +174,8 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
 
 def _resolved(item: Item, path: Path) -> Item:
     """Relative paths are meant from where the configuration is."""
-    return item.model_copy(update={"eds": path.parent / item.eds}) if item.eds else item
+    files = {"eds": item.eds, "dcf": item.dcf}
+    return item.model_copy(update={key: path.parent / file for key, file in files.items() if file is not None})
 
 
 def _files_resolved(section: FileSection, path: Path) -> FileSection:

@@ -109,7 +109,7 @@ def _scalar(value: object) -> str:
     if isinstance(value, list | tuple | set | frozenset):
         return f"[{', '.join(_scalar(item) for item in value)}]"
     if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{key} = {_scalar(item)}' for key, item in value.items())}}}"
+        return f"{{{', '.join(f'{json.dumps(key)} = {_scalar(item)}' for key, item in value.items())}}}"
     return json.dumps(str(value))  # TOML's basic strings are JSON's
 
 

@@ -25,13 +25,14 @@ from pdgw.ds301.communication import SYNC
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import Cause
+from pdgw.ds301.values import KnownDevice
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.platform import Platform, SystemPlatform
 from pdgw.gateway.base.reasons import By, FaultNumber
-from pdgw.gateway.base.store import DeviceParameters, ParameterStore
+from pdgw.gateway.base.store import DeviceParameters, DoParameters, ParameterStore
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.bus_load import HEARTBEATS
 from pdgw.gateway.configuration.config import GatewayConfig
@@ -180,7 +181,9 @@ class Daemon:
     @property
     def notes(self) -> list[str]:
         """One line for each thing to correct that does not stop a drive."""
-        return [*self.replaced_telegrams, *(item.note for item in self._same_ids.values() if item.note)]
+        found = [*self.replaced_telegrams, *(item.note for item in self._same_ids.values() if item.note)]
+        clients = {item.client: item.label for item in reversed(self.objects)}
+        return found + [f"{label}: {note}" for client, label in clients.items() for note in client.configuration.notes]
 
     def _same_id(self, network: CanNetwork) -> SameNodeId:
         def report(text: str) -> None:
@@ -265,7 +268,24 @@ class Daemon:
         axis.units_witnessed = stored.units_witnessed
         axis.drive.own_values.load(stored.own_values)
         axis.drive.own_values.save = partial(self._save_own_values, axis)
+        self._know_device(axis, stored)
         return axis
+
+    def _know_device(self, item: DriveObject, stored: DoParameters) -> None:
+        """Set the last device of its client, and keep the next one."""
+        configuration, do_id = item.client.configuration, item.do_id
+        configuration.known = stored.device
+        configuration.save = partial(self._save_device, item)
+        configuration.on_replaced = lambda text: self.events.add("node", do_id, text)
+
+    def _save_device(self, item: DriveObject, device: KnownDevice) -> None:
+        def change(parameters: DeviceParameters) -> None:
+            parameters.drive_object(item.do_id).device = device
+
+        try:
+            self.update_store(change)
+        except GatewayError as error:
+            log.error("%s: the serial number of its device is not saved: %s", item.label, error)
 
     def _encoders(self) -> list[EncoderObject]:
         made: dict[int, EncoderObject] = {}
@@ -277,6 +297,7 @@ class Daemon:
                     stored = self.store.parameters.drive_object(config.do_id)
                     number = config.telegram if stored.telegram is None else stored.telegram
                     made[config.do_id] = EncoderObject(config, node, number, stored.sign_of_life_tolerance)
+                self._know_device(made[channels[0].do_id], self.store.parameters.drive_object(channels[0].do_id))
         return [made[config.do_id] for config in self.config.encoder]
 
     @property
@@ -421,7 +442,9 @@ class Daemon:
                 network, drives, self._same_ids[name], SyncOfNodes(network, clients), self._on_other_master
             )
         for item in self.objects:
-            watch_for_writes(item.network, item.node_id, partial(relies_on, item), item.client.distrust)
+            client = item.client
+            watch_for_writes(item.network, item.node_id, partial(relies_on, item), client.distrust_write)
+            watch_for_writes(item.network, item.node_id, client.configuration.has, client.configuration.other_wrote)
         self._beat = self.loop.call_later(LISTEN_NS, self._begin)
 
     def _exchange(self) -> None:

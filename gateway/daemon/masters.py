@@ -171,9 +171,10 @@ def watch_for_masters(
 
 
 def watch_for_writes(
-    network: CanNetwork, node_id: int, relies_on: Callable[[int, int], bool], on_write: Callable[[str], None]
+    network: CanNetwork, node_id: int, relies_on: Callable[[int, int], bool], on_write: Callable[[int, int], None]
 ) -> None:
-    """Call ``on_write`` with one line when another SDO client writes an object of a node that the gateway ``relies_on``."""
+    """Call ``on_write`` with index and sub-index when another SDO client writes an object of a node that the gateway
+    ``relies_on``."""
 
     segment: int | None = None  # the newest one of a block download; None: the last request was another one
 
@@ -191,6 +192,6 @@ def watch_for_writes(
         if blocks or command == _DOWNLOAD:
             index, subindex = int.from_bytes(data[1:_SUBINDEX], "little"), data[_SUBINDEX]
             if relies_on(index, subindex):
-                on_write(f"another tool writes {index:04X}h/{subindex}")
+                on_write(index, subindex)
 
     network.subscribe(SDO_REQUEST + node_id, request)

@@ -159,6 +159,7 @@ class ObjectAccess:
             try:
                 try:
                     client.write_for_client(index, subindex, data)
+                    client.configuration.client_wrote(index, subindex, data)
                 except SdoAbortedError:
                     stale = False  # the device keeps its value
                     raise

@@ -322,7 +322,7 @@ class NodeObject(BoundObject):
         configured = self.owner.config.telegram
         self._telegram(self.daemon.check_telegram_change, configured, context.host)
         before = self._stored.model_copy()
-        self._replace_stored(DoParameters(own_values=before.own_values))
+        self._replace_stored(DoParameters(own_values=before.own_values, device=before.device))
         try:
             self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"), context)
             self._telegram(self.daemon.change_telegram, configured, context.host)

@@ -169,7 +169,7 @@ class RoundedValue(Behaviour):
 
 
 class ActsAfterRestart(Behaviour):
-    """Values of an object act after storing (1010h) and a restart: before, the device shows the new one and acts by the old one."""
+    """Values of an object act after storing (1010h) and a restart. Until then the device shows new ones and acts by old ones."""
 
     index = 0
 

@@ -13,6 +13,7 @@ from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.loop.jobs import resolve
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
+from pdgw.ds301.node.device_values import DeviceConfiguration
 from pdgw.dsp402.units.mechanics import UNIT_OBJECTS
 from pdgw.dsp402.units.velocity import VL_FACTORS
 from pdgw.gateway.client.udp import ParameterClient
@@ -91,6 +92,7 @@ class Client:
         self.log: list[object] = []
         self._before = before
         self.sdo = self
+        self.configuration = DeviceConfiguration(lambda _: None)
 
     def submit(self, job: Callable[[Any], None]) -> Future[None]:
         future: Future[None] = Future()

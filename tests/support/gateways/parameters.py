@@ -37,6 +37,10 @@ def word(content: int) -> Values:
     return Values(DataType.WORD, (content,))
 
 
+def double_word(content: int) -> Values:
+    return Values(DataType.DOUBLE_WORD, (content,))
+
+
 def error(answer: Values) -> int:
     assert answer.failed, answer.text
     return int(answer.values[0])

@@ -166,7 +166,8 @@ def _open(config: GatewayConfig) -> None:
 
 
 def _refuses(config: GatewayConfig, axis: AxisConfig) -> bool:
-    """Print the PDOs that the data sheet of a drive leads to. True when its telegram is impossible with them."""
+    """Print the PDOs that the data sheet of a drive leads to. True when its telegram is impossible with them, or with a value
+    of its files."""
     from pdgw.ds301.aborts import CanopenError
     from pdgw.dsp402.drive.client import load_eds
     from pdgw.dsp402.identification.describe import described_by_sheet
@@ -174,6 +175,9 @@ def _refuses(config: GatewayConfig, axis: AxisConfig) -> bool:
     if axis.eds is None:
         return False
     drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family_name)
+    if forbidden := _forbidden_value(config, axis, drive):
+        typer.echo(f"DO {axis.do_id}: telegram {axis.telegram} is rejected: {forbidden}")
+        return True
     try:
         _, lines = _plan(config, axis, drive)
     except CanopenError as error:
@@ -182,6 +186,24 @@ def _refuses(config: GatewayConfig, axis: AxisConfig) -> bool:
     for line in lines:
         typer.echo(f"DO {axis.do_id}: {line}")
     return False
+
+
+def _forbidden_value(config: GatewayConfig, axis: AxisConfig, drive: DriveType) -> str:
+    """The value of the files that the telegram does not allow; empty if there is none."""
+    from dataclasses import replace
+
+    from pdgw.gateway.commissioning.telegram_check import lacks
+
+    values, cycle_ms = axis.device_values("axis"), config.transport.cycle_time_ms
+    for row in axis.drive_settings(axis.telegram, cycle_ms).corrected(drive):
+        value = values.numbers.get(row.address)
+        if value is not None and not row.fits(value):
+            return f"{row.entry} = {value} of {values.source}: {row.why}; allowed: {row.corrected(value)}"
+    settings = axis.settings_at(cycle_ms)
+    without, with_values = (
+        lacks(item, axis.telegram, settings) for item in (drive, replace(drive, acting=values.numbers))
+    )
+    return "" if with_values == without else f"{values.source}: {with_values}"
 
 
 def _plan(config: GatewayConfig, axis: AxisConfig, drive: DriveType) -> tuple[PdoPlan, tuple[str, ...]]:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.communication import NODE_IDS
-from pdgw.ds301.eds.values import UNICODE_STRING
 from pdgw.ds301.objects import Access, CanType, Entry
+from pdgw.ds301.values import UNICODE_STRING
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.decoder.capture.pcap import CaptureError
