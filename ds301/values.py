@@ -31,7 +31,7 @@ INTEGERS: Final = {code: (bits, code in _SIGNED) for code, bits in (_SIGNED | _U
 """Data types with whole numbers: bits and whether signed. BOOLEAN has 8 bits, TIME_OF_DAY and TIME_DIFFERENCE 48."""
 UNICODE_STRING: Final = 0x0B
 _REALS: Final = {0x08: "<f", 0x11: "<d"}
-_TEXTS: Final = {CanType.VISIBLE_STRING.code: "latin-1", UNICODE_STRING: "utf-16-le"}
+TEXTS: Final = {CanType.VISIBLE_STRING.code: "latin-1", UNICODE_STRING: "utf-16-le"}
 _UNKNOWN: Final = 0
 
 
@@ -72,8 +72,8 @@ class DeviceValue:
             if isinstance(value, str):
                 if type_ in INTEGERS or type_ in _REALS:
                     raise ValueError("a number")
-                return value.encode(_TEXTS.get(type_, "latin-1"))
-            if type_ in _TEXTS or type_ == CanType.OCTET_STRING.code:
+                return value.encode(TEXTS.get(type_, "latin-1"))
+            if type_ in TEXTS or type_ == CanType.OCTET_STRING.code:
                 raise ValueError("a text in quotation marks")
             if type_ in INTEGERS and isinstance(value, float):
                 raise ValueError("a number without a point")
@@ -100,7 +100,7 @@ class DeviceValue:
         if data is None:
             return self.value.hex() if isinstance(self.value, bytes) else str(self.value)
         if isinstance(self.value, str):
-            return data.decode(_TEXTS.get(self.data_type, "latin-1"), "replace").rstrip("\0")
+            return data.decode(TEXTS.get(self.data_type, "latin-1"), "replace").rstrip("\0")
         if self.data_type in _REALS and len(data) == struct.calcsize(_REALS[self.data_type]):
             return str(struct.unpack(_REALS[self.data_type], data)[0])
         if not isinstance(self.value, int):

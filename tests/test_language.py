@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 import pytest
 
-from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS
+from pdgw.tools.command_table import COMMANDS, GROUPS
 from tests.support.documents.sources import QUOTED, ROOMS, within
 
 ROOT: Final = Path(__file__).parents[1]
@@ -97,10 +97,10 @@ def prose(document: str) -> Iterator[tuple[int, str]]:
             yield number, re.sub(r"\]\([^)]*\)", "]", line)
 
 
-@pytest.mark.parametrize("name", [*COMMANDS, *(f"sim {name}" for name in SIM_COMMANDS)])
+@pytest.mark.parametrize("name", [*COMMANDS, *(f"{group} {name}" for group in GROUPS for name in GROUPS[group])])
 def test_the_help_has_no_word_of_the_list(name: str) -> None:
-    own = name.removeprefix("sim ")
-    entry = COMMANDS[own] if own == name else SIM_COMMANDS[own]
+    group, _, own = name.rpartition(" ")
+    entry = GROUPS[group][own] if group else COMMANDS[own]
     wrong = {text: found for text in helps(entry.load(own)) if (found := found_in(text))}
     assert not wrong
 

@@ -119,10 +119,11 @@ class Entry:
             holder.add_typer(found, name=name, cls=own if isinstance(own, type) else Group)
         else:
             holder.command(name, cls=Command)(found)
-        group = get_command(holder)
-        assert isinstance(group, TyperGroup)
-        command = group.commands[name]
-        _complete(command, f"sim {name}" if self in SIM_COMMANDS.values() else name)
+        made = get_command(holder)
+        assert isinstance(made, TyperGroup)
+        command = made.commands[name]
+        group = next((f"{group} " for group, table in GROUPS.items() if self in table.values()), "")
+        _complete(command, group + name)
         return command
 
 
@@ -141,7 +142,12 @@ COMMANDS: Mapping[str, Entry] = {
         "Run the gateway until SIGINT, SIGTERM or SIGQUIT; it stops and disables the drives before it ends.",
     ),
     "config": Entry("commissioning.config:app", "Print an example configuration, or check a file."),
-    "bus": Entry("commissioning.bus:app", "List the nodes of a CAN bus, without a running gateway."),
+    "bus": Entry(
+        "commissioning.bus:app", "List the nodes of a CAN bus, or give one its node-ID, without a running gateway."
+    ),
+    "device": Entry(
+        "commissioning.device:app", "Save, compare or write the values of one device, without a running gateway."
+    ),
     "axis": Entry("commissioning.axis:app", "Turn an axis for the first time, without a PLC."),
     "map": Entry(
         "commissioning.map:map_",
@@ -211,6 +217,41 @@ SIM_COMMANDS: Mapping[str, Entry] = {
 }
 """The commands of ``pdgw sim``."""
 
+BUS_COMMANDS: Mapping[str, Entry] = {
+    "scan": Entry(
+        "commissioning.bus:scan",
+        "List the nodes on a bus, their types and what they lack for each telegram; read-only.",
+    ),
+    "assign": Entry(
+        "commissioning.bus_assign:assign",
+        "Give a device its node-ID, and a bit rate if asked, by LSS; store it and read it back.",
+    ),
+}
+"""The commands of ``pdgw bus``."""
+
+DEVICE_COMMANDS: Mapping[str, Entry] = {
+    "save": Entry(
+        "commissioning.device_save:save",
+        "Save what a device has into a DCF, which replaces it at night (key dcf); read-only on the bus.",
+    ),
+    "compare": Entry(
+        "commissioning.device_compare:compare",
+        "Compare a device with its values in dcf and objects; exit status 1 if they differ.",
+    ),
+    "write": Entry(
+        "commissioning.device_write:write",
+        "Write the values of dcf and objects that a device does not have, while it has no power, and read them back.",
+    ),
+}
+"""The commands of ``pdgw device``."""
+
+GROUPS: Mapping[str, Mapping[str, Entry]] = {
+    "bus": BUS_COMMANDS,
+    "device": DEVICE_COMMANDS,
+    "sim": SIM_COMMANDS,
+}
+"""Groups whose commands have modules of their own."""
+
 
 def lazy_group(table: Mapping[str, Entry]) -> type[Group]:
     """The class of a command group (``typer.Typer(cls=...)``) with the commands of a table."""
@@ -235,6 +276,10 @@ EXAMPLES: Mapping[str, str] = {
     "config example": "config example > gateway.toml",
     "config check": "config check --bus gateway.toml",
     "bus scan": "bus scan --channel can0",
+    "bus assign": "bus assign 5 --channel can0",
+    "device save": "device save gateway.toml 1 -o drive.dcf",
+    "device compare": "device compare gateway.toml 1",
+    "device write": "device write gateway.toml 1 --store",
     "axis test": "axis test 1 gateway.toml --percent 5",
     "map": "map gateway.toml --format scl --out gateway.scl",
     "status": "status 1",

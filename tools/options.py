@@ -11,7 +11,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Final
@@ -78,6 +78,20 @@ def quiet(*names: str) -> Iterator[None]:
             logger.setLevel(level)
 
 
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Show a progress bar for long work, on a terminal only: call with what is done, and all."""
+    from rich.console import Console  # noqa: PLC0415 (slow to load)
+    from rich.progress import Progress  # noqa: PLC0415
+
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
 INTERRUPTED: Final = 130
 """Exit code after Ctrl-C, as used by shells."""
 
@@ -108,6 +122,8 @@ Station = Annotated[
 ]
 
 
+ConfigFile = Annotated[Path, typer.Argument(help="Configuration file (TOML).")]
+DriveObject = Annotated[int, typer.Argument(metavar="DO", min=1, max=254, help="Drive object of the device.")]
 ControlPort = Annotated[
     int, typer.Option(min=0, max=65535, help="Loopback TCP port for `pdgw sim inject`, 0 for none.")
 ]

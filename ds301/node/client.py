@@ -512,8 +512,9 @@ class NodeClient(abc.ABC, Generic[S]):
         self._nmt(NmtCommand.START)
 
     def _read_known(self) -> KnownDevice:
-        """The device that is there."""
-        return KnownDevice(*(self.sdo.read_optional(IDENTITY, subindex) for subindex in range(1, 5)))
+        """The device that is there, without its revision."""
+        vendor_id, product_code, serial_number = (self.sdo.read_optional(IDENTITY, subindex) for subindex in (1, 2, 4))
+        return KnownDevice(vendor_id, product_code, serial_number=serial_number)
 
     def _find_emcy(self) -> None:
         """Also take the EMCY from the COB-ID in 1014h, unless other frames have it."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, abort_text
-from pdgw.ds301.communication import VERIFY_CONFIGURATION
+from pdgw.ds301.communication import IDENTITY_REVISION, VERIFY_CONFIGURATION
 from pdgw.ds301.node.configuring import ConfiguringAccess
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.values import DeviceValue, DeviceValues, KnownDevice
@@ -45,6 +45,10 @@ class ValueWriter:
         """An object has the value of a file now."""
 
     # -- values -------------------------------------------------------------------------------------------------------
+
+    def revision(self) -> int:
+        """1018h/3; 0 if the device has none."""
+        return self._sdo.read_optional(*IDENTITY_REVISION)
 
     def check_identity(self, values: DeviceValues, device: KnownDevice) -> None:
         """CanopenError if the values are those of another device."""
@@ -131,8 +135,8 @@ class DeviceConfiguration:
         self._notify = notify
         self.known = KnownDevice()
         """The device of the last bring-up, also of another process."""
-        self.save: Callable[[KnownDevice], object] = lambda _: None
-        """Keeps ``known`` for the next process."""
+        self.save: Callable[[KnownDevice], object] | None = None
+        """Keeps ``known`` for the next process; None: there is no store."""
         self.on_replaced: Callable[[str], object] = lambda _: None
         """Called with one line when the node is another device than before."""
         self._replaced = ""
@@ -146,7 +150,12 @@ class DeviceConfiguration:
         return [*([self._replaced] if self._replaced else ()), *self._changed.values()]
 
     def bring_up(self, values: DeviceValues, device: KnownDevice, writer: ValueWriter) -> None:
-        """Give the device that is there its values. CanopenError names one that it does not take, and what to do."""
+        """Give the device that is there its values. CanopenError names one that it does not take, and what to do.
+
+        The revision of ``device`` is read here where it is kept.
+        """
+        if self.save is not None:
+            device = replace(device, revision=writer.revision())
         self._values = {item.address: item for item in values.items}
         written = verified = 0
         if values:
@@ -171,7 +180,8 @@ class DeviceConfiguration:
             self.on_replaced(self._replaced)
         if self.known != (known := replace(device, verified=verified)):
             self.known = known
-            self.save(known)
+            if self.save is not None:
+                self.save(known)
 
     def _give(self, values: DeviceValues, writer: ValueWriter) -> int:
         """Compare all values and write those that differ; returns their number."""

@@ -20,7 +20,6 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     DEVICE_TYPE,
     IDENTITY_PRODUCT,
-    IDENTITY_REVISION,
     IDENTITY_SERIAL,
     IDENTITY_VENDOR,
     RESTORE_PARAMETERS,
@@ -302,14 +301,12 @@ class DriveClient(NodeClient[DriveSettings]):
             return None if error.code in NOT_THERE else b""
 
     def _read_known(self) -> KnownDevice:
-        revision, self.serial_number = (
-            self.sdo.read_optional(*address) for address in (IDENTITY_REVISION, IDENTITY_SERIAL)
-        )
+        self.serial_number = self.sdo.read_optional(*IDENTITY_SERIAL)
         self.own_values.identify((*self._device, self.serial_number))
         name = self.sdo.dictionary.device_information.product_name or ""
         family = self.settings.family
         self._value_writer.family = overlay(family) if family else overlay_for(*self._device, name)
-        return KnownDevice(*self._device, revision, self.serial_number)
+        return KnownDevice(*self._device, serial_number=self.serial_number)
 
     def _read_capabilities(self) -> PdoCapabilities:
         carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}

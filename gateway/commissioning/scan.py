@@ -15,9 +15,7 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     DEVICE_NAME,
     DEVICE_TYPE,
-    ERROR_CONTROL,
     IDENTITY,
-    NMT,
     NODE_IDS,
     SDO_REQUEST,
     SDO_RESPONSE,
@@ -38,7 +36,7 @@ from pdgw.dsp406.kinds import ENCODER_PROFILE, EncoderType
 from pdgw.dsp406.objects import POSITION, POSITION_MULTI_SENSOR
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.commissioning.master_watch import MasterWatch
 from pdgw.gateway.commissioning.telegram_check import lacks, lacks_by_telegram
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
@@ -47,8 +45,6 @@ _PAUSE_NS = 2 * MS
 """Between two questions: a transmit queue is short."""
 _QUESTION = bytes((0x40,)) + DEVICE_TYPE.to_bytes(2, "little") + bytes(5)
 """SDO upload of 1000h."""
-_NMT_STATE = 0x7F
-_RPDO_BASES = frozenset(PdoDirection.RPDO.cob_id(number, 0) for number in range(1, 5))
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,9 +160,8 @@ class Scan:
         self._listen_ns = listen_ns
         self._answer_ns = answer_ns
         self._timeout_s = timeout_s
-        self._states: dict[int, int] = {}
+        self._masters = MasterWatch(network)
         self._answered: set[int] = set()
-        self._master = ""
 
     def run(self) -> list[FoundNode]:
         """Every node, in order. GatewayError when a master works on the bus: its SDOs and ours would disturb each other."""
@@ -174,49 +169,31 @@ class Scan:
         network.listeners.append(self._on_message)
         try:
             loop.sleep(self._listen_ns)
-            self._refuse_masters()
+            self._masters.refuse()
             for node_id in NODE_IDS:
                 network.send(SDO_REQUEST + node_id, _QUESTION)
                 loop.sleep(_PAUSE_NS)
             loop.sleep(self._answer_ns)
             found = [
-                self._ask(node_id) for node_id in sorted(self._answered | self._states.keys() | self.expected.keys())
+                self._ask(node_id)
+                for node_id in sorted(self._answered | self._masters.states.keys() | self.expected.keys())
             ]
-            self._refuse_masters()
+            self._masters.refuse()
         finally:
             network.listeners.remove(self._on_message)
         return found
 
     def _on_message(self, message: can.Message) -> None:
-        if not message.is_rx or message.is_extended_id or message.is_remote_frame:
-            return
-        can_id = message.arbitration_id
-        base, node_id = can_id & ~0x7F, can_id & 0x7F
-        if base == ERROR_CONTROL and node_id and message.data:
-            self._states[node_id] = message.data[0] & _NMT_STATE
-            if node_id == self.network.node_id and self._states[node_id] == NmtState.OPERATIONAL:
-                self._master = f"the heartbeat of a gateway (node {node_id})"
-        elif base == SDO_RESPONSE and node_id:
+        self._masters.see(message)
+        base, node_id = message.arbitration_id & ~0x7F, message.arbitration_id & 0x7F
+        if message.is_rx and not message.is_extended_id and base == SDO_RESPONSE and node_id:
             self._answered.add(node_id)
-        elif can_id == NMT:
-            self._master = "an NMT command"
-        elif base == SDO_REQUEST and node_id:
-            self._master = f"an SDO request to node {node_id}"
-        elif node_id and base in _RPDO_BASES:
-            self._master = f"process data for node {node_id} (COB-ID {can_id:03X}h)"
-
-    def _refuse_masters(self) -> None:
-        if self._master:
-            raise GatewayError(
-                f"CAN bus {self.network.name}: a master sends {self._master}; allowed during a scan: none. End "
-                "it, or query it instead (pdgw status, pdgw param)"
-            )
 
     # -- one node -------------------------------------------------------------------------------------------------------
 
     def _ask(self, node_id: int) -> FoundNode:
         found = FoundNode(node_id)
-        state = self._states.get(node_id)
+        state = self._masters.states.get(node_id)
         if state is not None:
             found.nmt_state = NmtState.text(state)
         if node_id == self.network.node_id:

@@ -268,7 +268,6 @@ class AxisConfig(DriveObjectSection):
         return DriveSettings(
             node_id=self.node_id,
             eds=self.eds,
-            values=self.device_values("axis"),
             heartbeat_ms=self.heartbeat_ms,
             # With SYNC a value arrives once per cycle, at any cycle time.
             tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if on_sync else self.tpdo_event_ms,

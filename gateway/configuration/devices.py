@@ -109,7 +109,6 @@ class EncoderConfig(DriveObjectSection):
         return EncoderSettings(
             node_id=self.node_id,
             eds=self.eds,
-            values=self.device_values("encoder"),
             heartbeat_ms=self.heartbeat_ms,
             tpdo_event_ms=event_ms,
             # A position every few milliseconds is late long before its encoder is lost. A user with slower values can set a

@@ -275,7 +275,8 @@ class Daemon:
         """Set the last device of its client, and keep the next one."""
         configuration, do_id = item.client.configuration, item.do_id
         configuration.known = stored.device
-        configuration.save = partial(self._save_device, item)
+        if self.store.path is not None:
+            configuration.save = partial(self._save_device, item)
         configuration.on_replaced = lambda text: self.events.add("node", do_id, text)
 
     def _save_device(self, item: DriveObject, device: KnownDevice) -> None:

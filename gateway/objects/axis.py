@@ -14,6 +14,7 @@ from pdgw.ds301.emcy import PDO_ERRORS
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import DriveFault, Scaling
 from pdgw.dsp402.objects import (
     ABORT_OPTION,
@@ -82,7 +83,7 @@ class Axis(DriveObject):
         self.config: AxisConfig = config
         self.telegram_numbers = config.telegrams
         self._cycle_time_ms = cycle_time_ms
-        drive_settings = config.drive_settings(number, cycle_time_ms)
+        drive_settings = self._drive_settings(number)
         reaction_ns = config.reaction_ns(number, cycle_time_ms)
         self._settings = replace(config.settings_at(cycle_time_ms), reaction_ns=reaction_ns)
         self.drive = DriveClient(
@@ -114,6 +115,11 @@ class Axis(DriveObject):
         self._limits_asked = -_ASK_AGAIN_NS
         self._sound_until = 0
         """When it was not in fault last."""
+
+    def _drive_settings(self, number: int) -> DriveSettings:
+        """Those of a telegram, with the values of the drive's files."""
+        config = self.config
+        return replace(config.drive_settings(number, self._cycle_time_ms), values=config.device_values("axis"))
 
     def _make_machine(self, number: int) -> AxisMachine:
         machine = AxisMachine(number, self._settings, self.drive.feedback)
@@ -443,9 +449,7 @@ class Axis(DriveObject):
         machine = self._make_machine(number)
         machine.adopt(self.machine)
         self.machine = machine
-        self.drive.reconfigure(
-            self.config.drive_layout(number), self.config.drive_settings(number, self._cycle_time_ms)
-        )
+        self.drive.reconfigure(self.config.drive_layout(number), self._drive_settings(number))
         self._telegram_changed(telegram(number))
         for link in self._links:
             if link is not None:

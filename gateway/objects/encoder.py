@@ -42,7 +42,8 @@ class EncoderNode:
     def __init__(self, network: CanNetwork, configs: Sequence[EncoderConfig], cycle_time_ms: float) -> None:
         self.objects: list[EncoderObject] = []
         channels = tuple(config.channel for config in configs)
-        self.client = EncoderClient(network, configs[0].settings(channels, cycle_time_ms), self._on_event)
+        settings = replace(configs[0].settings(channels, cycle_time_ms), values=configs[0].device_values("encoder"))
+        self.client = EncoderClient(network, settings, self._on_event)
 
     def _on_event(self, notice: NodeNotice) -> None:
         for item in self.objects:

@@ -13,6 +13,7 @@ COMMANDS_PATH: Final = Path(__file__).parents[3] / "docs" / "commands.md"
 _GUIDES: Final[Mapping[str, str]] = {
     "run": "operation.md",
     "bus": "commissioning.md",
+    "device": "commissioning.md",
     "axis": "commissioning.md",
     "map": "plc.md",
     "status": "operation.md",

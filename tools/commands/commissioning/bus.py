@@ -13,22 +13,27 @@ from pdgw.base.durations import SECOND
 from pdgw.dsp402.objects import DRIVE_PROFILE
 from pdgw.dsp406.kinds import ENCODER_PROFILE
 from pdgw.gateway.base.errors import GatewayError, writing
+from pdgw.tools.command_table import BUS_COMMANDS, lazy_group
 
 if TYPE_CHECKING:
     from pdgw.gateway.commissioning.scan import Expected, FoundNode
     from pdgw.gateway.configuration.environment import CanConfig
+    from pdgw.tools.commissioning.lss import Identity
 
-app = typer.Typer(help="List the nodes of a CAN bus, without a running gateway.", no_args_is_help=True)
+app = typer.Typer(
+    cls=lazy_group(BUS_COMMANDS),
+    help="List the nodes of a CAN bus, or give one its node-ID, without a running gateway.",
+    no_args_is_help=True,
+)
 
 _PROFILES = {DRIVE_PROFILE: "drive", ENCODER_PROFILE: "encoder"}
 
 
 @app.callback()
 def group() -> None:
-    """List the nodes of a CAN bus, without a running gateway."""
+    """List the nodes of a CAN bus, or give one its node-ID, without a running gateway."""
 
 
-@app.command()
 def scan(
     config: Annotated[
         Path | None,
@@ -44,6 +49,9 @@ def scan(
         Path | None,
         typer.Option(help="Write a first configuration of what is found to this new file.", show_default=False),
     ] = None,
+    bitrates: Annotated[
+        bool, typer.Option("--bitrates", help="Also listen at the other usual bit rates; sends nothing there.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
 ) -> None:
     """List the nodes on a bus, their types and what they lack for each telegram; read-only."""
@@ -51,7 +59,9 @@ def scan(
     from pdgw.gateway.commissioning.scan import Scan, expected_on, load_sheets
     from pdgw.gateway.configuration.environment import CanConfig
     from pdgw.gateway.configuration.file import load_config
-    from pdgw.tools.bus_task import complete, opened
+    from pdgw.tools.bus_task import blocking, complete, opened
+    from pdgw.tools.commissioning.bit_rates import hints, listen
+    from pdgw.tools.commissioning.lss import LssBus
 
     if write is not None and (config is not None or write.exists()):
         raise GatewayError(
@@ -78,10 +88,20 @@ def scan(
                 timeout_s=timeout_ms / 1000,
             )
             found = complete(network.loop, scan_.run)
+            tries = list(hints(network, bus.bitrate))
+        with blocking(bus) as master:
+            lss = LssBus(master)
+            with lss.opened():
+                new = lss.non_configured()
         if as_json:
-            documents.append({"bus": bus.name, "nodes": [_document(node) for node in found]})
+            nodes = [_document(node) for node in found]
+            documents.append({"bus": bus.name, "nodes": nodes, "non_configured": [_new_document(item) for item in new]})
         else:
-            for line in _lines(bus, found):
+            for line in _lines(bus, found, new):
+                typer.echo(line)
+            for line in () if found or new else tries:
+                typer.echo(f"  -> {line}")
+            for line in listen(bus) if bitrates else ():
                 typer.echo(line)
         if write is not None:
             text = draft(bus, found)
@@ -92,7 +112,9 @@ def scan(
         typer.echo(json.dumps(documents, indent=2))
 
 
-def _lines(bus: CanConfig, found: list[FoundNode]) -> Iterator[str]:
+def _lines(bus: CanConfig, found: list[FoundNode], new: list[Identity]) -> Iterator[str]:
+    from pdgw.tools.commissioning.lss import identity_text
+
     count = (
         f"{len(found)} node{'' if len(found) == 1 else 's'}" if found else "no node found: no heartbeat and no answer"
     )
@@ -100,6 +122,15 @@ def _lines(bus: CanConfig, found: list[FoundNode]) -> Iterator[str]:
     for node in found:
         yield ""
         yield from _node_lines(node)
+    for identity in new:
+        yield ""
+        yield f"no node-ID: {identity_text(identity)}"
+        yield "  -> give it one: pdgw bus assign NODE-ID"
+
+
+def _new_document(identity: Identity) -> dict[str, int]:
+    keys = ("vendor_id", "product_code", "revision", "serial_number")
+    return dict(zip(keys, identity, strict=True))
 
 
 def _node_lines(node: FoundNode) -> Iterator[str]:

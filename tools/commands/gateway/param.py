@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,12 +13,12 @@ import typer
 from pdgw.base.phrases import counted
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.tools.options import parse_address
+from pdgw.tools.options import parse_address, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from pdgw.gateway.client.session import Element, Progress, Session
+    from pdgw.gateway.client.session import Element, Session
     from pdgw.profidrive.parameters.description import Description
 
 app = typer.Typer(help="Read and write parameters of a gateway or of another PROFIdrive device.", no_args_is_help=True)
@@ -67,20 +66,6 @@ def _session(gateway: str, do_id: int, slot: int = 1) -> Iterator[Session]:
         yield Session(client)
 
 
-@contextmanager
-def _progress(what: str) -> Iterator[Progress | None]:
-    """Show a progress bar for long work, on a terminal only."""
-    from rich.console import Console
-    from rich.progress import Progress as ProgressBar
-
-    if not sys.stderr.isatty():
-        yield None
-        return
-    with ProgressBar(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
 def _print_table(titles: Sequence[str], rows: Iterable[Sequence[RenderableType | None]]) -> None:
     from rich.console import Console
 
@@ -125,7 +110,7 @@ def read(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 1, a
 
     targets = [parse_target(text) for text in parameters]
     with _session(gateway, do_id) as session:
-        with _progress("reading") as progress:
+        with progress_bar("reading") as progress:
             elements = session.read(targets, progress)
         _show(session, elements, as_json=as_json)
 
@@ -171,7 +156,7 @@ def list_(gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False)
     """List all parameters of the device (P980 ff)."""
     from pdgw.gateway.client.session import address_text
 
-    with _session(gateway, do_id) as session, _progress("reading descriptions") as progress:
+    with _session(gateway, do_id) as session, progress_bar("reading descriptions") as progress:
         pnus = session.pnus()
         descriptions = session.describe(pnus, progress)
     rows = [_described(pnu, descriptions[pnu]) for pnu in pnus]
@@ -251,7 +236,7 @@ def dump(
     from pdgw.gateway.client.dump import read_all
     from pdgw.gateway.client.session import address_text
 
-    with _session(gateway, do_id) as session, _progress("reading") as progress:
+    with _session(gateway, do_id) as session, progress_bar("reading") as progress:
         saved, failed = read_all(session, progress)
     saved.save(file)
     settings = sum(element.setting for element in saved.parameters)
@@ -295,7 +280,7 @@ def restore_(
             raise GatewayError(
                 f"{file} was saved from {origin}, not from DO {do_id}: nothing was written; --other writes it anyway"
             )
-        with _progress("comparing") as progress:
+        with progress_bar("comparing") as progress:
             pairs = difference(session, saved, progress)
         if not pairs:
             typer.echo("nothing differs")
@@ -323,7 +308,7 @@ def restore_(
             )
         if not yes and not typer.confirm(f"write {counted(len(pairs), 'setting')} to DO {do_id}?"):
             raise typer.Exit(1)
-        with _progress("writing") as progress:
+        with progress_bar("writing") as progress:
             outcome = restore(session, pairs, progress, partial=partial)
         kept = 0 if outcome.taken_back else len(outcome.written)
         typer.echo(f"{kept} of {len(pairs)} settings written")
