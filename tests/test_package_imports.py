@@ -130,7 +130,7 @@ ROWS = {
     "tools.commands.gateway": f"{_FIELD} gateway tools.decoder gateway.client tools.recording tools.web peers "
     f"tools.commands.simulation {_COMMAND_LINE}",
     "tools.commands.simulation": f"{_FIELD} gateway peers {_COMMAND_LINE}",
-    "tools.commissioning": f"{_FIELD} gateway peers",
+    "tools.commissioning": f"{_FIELD} gateway peers tools.bus_task",
     "tools.demo": f"{_FIELD} gateway tools.decoder tools.recording peers",
     "tools.output": f"{_FIELD} gateway tools.decoder.capture",
     "tools.plc": f"{_FIELD} gateway",

@@ -761,7 +761,7 @@ class NodeClient(abc.ABC, Generic[S]):
                     raise self.sdo.two_devices()
                 return
             if now >= self._check_at and not self._jobs:
-                self._set_status(NodeStatus.CONFIGURING, Cause(_CHECKED))
+                self._set_status(NodeStatus.CONFIGURING, Cause(self.unconfirmed))
                 return
             try:
                 self._exchange_acyclic(now)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
+from pdgw.base.phrases import counted
 from pdgw.ds301.aborts import NOT_THERE, Abort, CanopenError, SdoAbortedError, abort_text
 from pdgw.ds301.communication import IDENTITY_REVISION, VERIFY_CONFIGURATION
 from pdgw.ds301.node.configuring import ConfiguringAccess
@@ -16,6 +17,7 @@ from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.values import DeviceValue, DeviceValues, KnownDevice
 
 _STAMP: Final = ((VERIFY_CONFIGURATION, 1), (VERIFY_CONFIGURATION, 2))
+_WITH_POWER: Final = "the values of its files are compared without power"
 NO_FILE: Final = (
     "it has its own parameters; save those of a sound device for the next time (pdgw device save) and set dcf"
 )
@@ -36,6 +38,10 @@ class ValueWriter:
     def obstacle(self) -> str:
         """Why nothing may be written now; empty: it may."""
         return ""
+
+    def urgent(self) -> bool:
+        """Whether the device must be stopped before anything else: the comparison takes time."""
+        return False
 
     def own_value(self, address: ObjectAddress) -> int | None:
         """The device's own value of an object that the gateway overwrites in operation; None: what the device shows."""
@@ -139,6 +145,8 @@ class DeviceConfiguration:
         """Keeps ``known`` for the next process; None: there is no store."""
         self.on_replaced: Callable[[str], object] = lambda _: None
         """Called with one line when the node is another device than before."""
+        self.waiting = ""
+        """Why a device with power does not have its values yet; it must not be started before the next bring-up without power."""
         self._replaced = ""
         self._values: dict[ObjectAddress, DeviceValue] = {}
         self._changed: dict[ObjectAddress, str] = {}
@@ -158,7 +166,8 @@ class DeviceConfiguration:
             device = replace(device, revision=writer.revision())
         self._values = {item.address: item for item in values.items}
         written = verified = 0
-        if values:
+        self.waiting = _WITH_POWER if values and writer.urgent() else ""
+        if values and not self.waiting:
             writer.check_identity(values, device)
             if values.date != (0, 0) and writer.stamp() == values.date:
                 verified = values.checksum
@@ -173,9 +182,11 @@ class DeviceConfiguration:
                 verified = (
                     0  # what is written is not stored: without power the device has the old values and their 1020h
                 )
+        if self.waiting:
+            return
         self._changed.clear()
         if replaced := self.known.replaced_by(device):
-            self._replaced = f"{replaced}, {written} values written" if values else f"{replaced}; {NO_FILE}"
+            self._replaced = f"{replaced}, {counted(written, 'value')} written" if values else f"{replaced}; {NO_FILE}"
             self._notify(self._replaced)
             self.on_replaced(self._replaced)
         if self.known != (known := replace(device, verified=verified)):
@@ -192,12 +203,16 @@ class DeviceConfiguration:
                 remedy = "run pdgw device write --store, then switch the device off and on: it acts after a restart"
                 raise writer.wrong(item, shown, f"the value of the file; {remedy}")
             if obstacle := writer.obstacle():
-                raise writer.wrong(item, shown, f"the value of the file, which is written without power; {obstacle}")
+                self.waiting = str(
+                    writer.wrong(item, shown, f"the value of the file, written without power; {obstacle}")
+                )
+                return 0
         if differing:
             writer.clear_stamp()
             writer.write(differing)
         own = f", {values.skipped} others are the gateway's own" if values.skipped else ""
-        self._notify(f"{values.source}: {len(values.items)} values compared, {len(differing)} written{own}")
+        compared = counted(len(values.items), "value")
+        self._notify(f"{values.source}: {compared} compared, {len(differing)} written{own}")
         return len(differing)
 
     # -- writes of others ---------------------------------------------------------------------------------------------

@@ -209,7 +209,7 @@ class DriveClient(NodeClient[DriveSettings]):
         found = read_acting(acting_in(settings.modes(drive)), self.sdo.dictionary, self._read_if_present, answers)
         refusal = self._left_overs.correct(rows, found)
         self.zeroed = frozenset(row.address for row in rows if row.treatment is Treatment.ZERO)
-        return replace(drive, acting=readable(found), uncorrected=refusal)
+        return replace(drive, acting=readable(found), uncorrected=refusal or self.configuration.waiting)
 
     @property
     def left_to_the_drive(self) -> tuple[str, ...]:
@@ -437,11 +437,18 @@ class DriveClient(NodeClient[DriveSettings]):
     def _has_work(self, now: int) -> bool:
         if self.rpdos.written or self._mode.awaited is not None or self._may_check_tpdos(now) or self._left_overs.waits:
             return True
+        if self._values_due:
+            return True
         return super()._has_work(now)
 
     @property
     def _may_correct(self) -> bool:
         return self._left_overs.waits and state_of(self.feedback.statusword) in OFF
+
+    @property
+    def _values_due(self) -> bool:
+        """The drive had power, and gets the values of its files now."""
+        return self.configuration.waiting != "" and state_of(self.feedback.statusword) in OFF
 
     def _may_check_tpdos(self, now: int) -> bool:
         return self._tpdos.is_due(now) and self._operates
@@ -458,6 +465,10 @@ class DriveClient(NodeClient[DriveSettings]):
         self.rpdos.write(self.sdo.write, now)
         self._mode.check(now)
         super()._exchange_acyclic(now)
+        if self._values_due:
+            self.unconfirmed, self._check_at = "gets the values of its files", now
+            self._wake.set()
+            return
         if self.units.watch.changed or self._may_correct:
             self._read_units()
         if self._may_check_tpdos(now):

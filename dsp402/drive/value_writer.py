@@ -16,7 +16,7 @@ from pdgw.dsp402.drive.left_overs import OFF
 from pdgw.dsp402.drive.own_values import OwnValueKeeper
 from pdgw.dsp402.identification.overlay import Overlay
 from pdgw.dsp402.objects import STATUSWORD
-from pdgw.dsp402.states import state_of
+from pdgw.dsp402.states import State, state_of
 
 _UNITS: Final = frozenset(
     (
@@ -50,6 +50,9 @@ class DriveValueWriter(ValueWriter):
         if state in OFF:
             return ""
         return f"the drive is in {'an unknown state' if state is None else state.value}: switch its power stage off"
+
+    def urgent(self) -> bool:
+        return state_of(self._sdo.read_number(*STATUSWORD)) is State.OPERATION_ENABLED
 
     def own_value(self, address: ObjectAddress) -> int | None:
         return self._own_values.value(address)

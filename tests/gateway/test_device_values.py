@@ -213,6 +213,41 @@ def test_a_drive_with_power_is_stopped_and_gets_its_values_without_power(tmp_pat
         assert _held(daemon, (0x6065, 0)) == [9000]
 
 
+@pytest.mark.parametrize("stops_by_sdo", [True, False])
+def test_a_drive_found_with_power_is_stopped_before_it_gets_its_values(tmp_path: Path, stops_by_sdo: bool) -> None:
+    """The gateway before has crashed; the drive keeps turning, and may reject a stop by SDO."""
+    config = _config(write_dcf(tmp_path / "drive.dcf", DCF))
+    with running(config) as daemon:
+        online(daemon)
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.turn(0x1000)
+        drive, world = drive_of(daemon), world_of(daemon)
+        _set(daemon, 0x6085, 0, 77)
+        if not stops_by_sdo:
+            drive.do(lambda node: node.start_fault("write-refused", index=0x6040))
+        client = daemon.clients[0]
+        client.distrust("a test")
+        states = []
+        writes = []
+        before = drive.node.on_written
+
+        def note(entry, value):  # type: ignore[no-untyped-def]
+            if entry.index == 0x6085:
+                writes.append((value, state_of(drive.node.model.statusword)))
+            before(entry, value)
+
+        drive.node.on_written = note  # type: ignore[method-assign]
+        with exchanging(plc):
+            until(daemon, lambda: client.generation == 2, "online", 60 * SECOND)
+            states.append(state_of(drive.node.model.statusword))
+            assert "6085h = 1200 of drive.dcf" in client.configuration.waiting or not stops_by_sdo
+            until(daemon, lambda: client.generation == 3, "online with its values", 60 * SECOND)
+        assert writes == [(1200, State.SWITCH_ON_DISABLED)]
+        assert client.configuration.waiting == ""
+        assert not world.loop.task_errors
+
+
 def test_a_drive_that_loses_power_in_the_middle_is_brought_up_from_the_beginning(tmp_path: Path) -> None:
     dcf = write_dcf(tmp_path / "drive.dcf", DCF)
     config = _config(dcf)
@@ -456,5 +491,5 @@ def test_a_replaced_encoder_is_named(tmp_path: Path) -> None:
         world_of(daemon).bus("world").join("another device")
         _replace(daemon, 5678, 20)
         until(daemon, lambda: daemon.clients[0].generation == 2, "online again")
-        assert _notes(daemon) == ["encoder 20: replaced: serial 20 -> 5678, 1 values written"]
+        assert _notes(daemon) == ["encoder 20: replaced: serial 20 -> 5678, 1 value written"]
         assert encoder_of(daemon).node.read(0x6001) == 1024

@@ -1,4 +1,4 @@
-"""Listen to a bus at other bit rates, and say what to try when nobody answers. Nothing is sent."""
+"""Listen to a bus at other bit rates, and say what to try when no device answers. Nothing is sent."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LISTEN_NS: Final = SECOND
 _SILENT: Final[Mapping[str, Mapping[str, object]]] = {
     "pcan": {"state": can.BusState.PASSIVE},
     "slcan": {"listen_only": True},
-    "pdgw": {},
+    "pdgw-bus": {},
     "virtual": {},
 }
 """Keys with which an interface only listens: at a wrong bit rate it would otherwise disturb a bus that works."""
