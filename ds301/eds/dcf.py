@@ -16,6 +16,7 @@ from typing import Final
 import canopen
 from canopen.objectdictionary import ODVariable
 
+from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.communication import VERIFY_CONFIGURATION
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.pdos import variable, variables
@@ -44,8 +45,6 @@ def read_dcf(path: Path, node_id: int, owned: Callable[[int], bool]) -> DeviceVa
         if item.key.lower() == "parametervalue" and not (item.used or item.found in _BLANK)
         if not owned(int(item.section[:4], 16))
     ]
-    if wrong:
-        raise EdsError(*wrong)
     dictionary = imported.dictionary
     given = [item for item in variables(dictionary) if item.value is not None and item.writable]
     items = tuple(
@@ -53,6 +52,13 @@ def read_dcf(path: Path, node_id: int, owned: Callable[[int], bool]) -> DeviceVa
         for item in given
         if not owned(item.index) and item.data_type != CanType.DOMAIN.code
     )
+    for item in items:
+        try:
+            item.encoded()
+        except CanopenError as error:  # with this node-ID, or letters that the device cannot have
+            wrong.append(Problem(0, item.name, "ParameterValue", item.text(), f"expected {error.allowed}"))
+    if wrong:
+        raise EdsError(*wrong)
     days, milliseconds = (variable(dictionary, VERIFY_CONFIGURATION, subindex) for subindex in (1, 2))
     date = (0, 0)
     if days is not None and milliseconds is not None:

@@ -197,17 +197,16 @@ class DeviceConfiguration:
     def _give(self, values: DeviceValues, writer: ValueWriter) -> int:
         """Compare all values and write those that differ; returns their number."""
         differing = writer.differing(values.items)
-        for item, held in differing:
+        if differing:
+            item, held = differing[0]  # those that act after a restart are first
             shown = "not readable" if held is None else item.text(held)
             if writer.acts_after_restart(item.index):
                 remedy = "run pdgw device write --store, then switch the device off and on: it acts after a restart"
                 raise writer.wrong(item, shown, f"the value of the file; {remedy}")
             if obstacle := writer.obstacle():
-                self.waiting = str(
-                    writer.wrong(item, shown, f"the value of the file, written without power; {obstacle}")
-                )
+                allowed = f"the value of the file, written without power; {obstacle}"
+                self.waiting = str(writer.wrong(item, shown, allowed))
                 return 0
-        if differing:
             writer.clear_stamp()
             writer.write(differing)
         own = f", {values.skipped} others are the gateway's own" if values.skipped else ""

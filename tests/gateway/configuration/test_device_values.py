@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.ds301.aborts import CanopenError
+from pdgw.ds301.objects import CanType, var
 from pdgw.ds301.values import DeviceValue
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.check import references_wrong
@@ -181,3 +182,11 @@ def test_a_value_that_the_telegram_forbids_is_an_error_of_the_check(tmp_path: Pa
 def test_a_file_without_a_drive_is_refused_as_a_data_sheet_is(tmp_path: Path) -> None:
     (tmp_path / "drive.dcf").write_text("[FileInfo]\n")
     assert "gateway.toml:8: [[axis]] number 1 dcf = " in _wrong(tmp_path, 'dcf = "drive.dcf"\n')
+
+
+def test_a_value_that_is_too_large_with_the_node_id_is_named(tmp_path: Path) -> None:
+    objects = (*makers_objects(0), var(0x2220, "Byte", CanType.U8))
+    with pytest.raises(CanopenError, match=r"\[2220h\] ParameterValue '260': expected a number of 1 bytes"):
+        _values(tmp_path, dcf_text({"2220": "$NODEID+0xFF"}, objects=objects))
+    with pytest.raises(CanopenError, match=r"\[2210h\] ParameterValue '\u20ac': expected letters of Latin-1"):
+        _values(tmp_path, dcf_text({"2210": "\u20ac"}, objects=objects))
