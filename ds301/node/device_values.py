@@ -111,7 +111,7 @@ class ValueWriter:
         if held is not None:
             found = self._sdo.read(*item.address)
             if not item.is_held_by(found):
-                remedy = f"the same value when read back: the device changes it; set what it holds in {item.source}"
+                remedy = f"the same value when read back: the device changes it; set what it has in {item.source}"
                 return self.wrong(item, item.text(found), remedy)
         self.written(item.address)
         return None

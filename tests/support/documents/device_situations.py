@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, EMCY, EMCY_COB_ID, ERROR_CONTROL, NmtCommand, NmtState
 from pdgw.ds301.node.node import NodeStatus
+from pdgw.dsp402.objects import QUICK_STOP_DECELERATION, VELOCITY_ENCODER_FACTOR
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive.model.model import DriveModel
@@ -26,6 +27,7 @@ _TASK = (
     (0x043E, {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x2000, "MDI_DEC": 0x2000}),
     (0x043F, {}),
 )
+_VALUE = axis(1, more='simulate = true\n[axis.objects]\n"6085h" = 1200\n')
 _MOVED = 0xC1
 """COB-ID of an EMCY that another tool has moved."""
 _OVERCURRENT = ("Fault: EMCY 2310h over-current", "then acknowledge (STW1.7)")
@@ -178,6 +180,15 @@ def _set_error_register(daemon: Daemon) -> None:
     drive_of(daemon).model.error_register = 0x11
 
 
+def _take_factor(_plc: Plc, daemon: Daemon) -> None:
+    """As ``pdgw device write`` does."""
+    drive_of(daemon).node.values[VELOCITY_ENCODER_FACTOR, 1] = 4
+
+
+def _without_node_id(daemon: Daemon) -> None:
+    drive_of(daemon).node.start_fault("lss-without-node-id")
+
+
 DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "the drive does not execute NMT start": DeviceSituation(
         operates=False,
@@ -197,6 +208,40 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         operates=False,
         spoil=lambda daemon: drive_of(daemon).node.start_fault("object-missing", index=CONSUMER_HEARTBEAT),
         says=("rejected", "guarding of the gateway", "1016h: 0602 0000h: object does not exist", "allow_unguarded"),
+        cure=end_fault,
+    ),
+    "the drive rejects a value of its table of objects": DeviceSituation(
+        operates=False,
+        tables=_VALUE,
+        spoil=lambda daemon: drive_of(daemon).node.start_fault("write-refused", index=QUICK_STOP_DECELERATION),
+        says=(
+            "rejected",
+            "6085h = 1200 of [axis.objects]",
+            "0609 0030h: value range of parameter exceeded",
+            "correct it in",
+        ),
+        cure=end_fault,
+    ),
+    "the drive rounds a value of its table of objects": DeviceSituation(
+        operates=False,
+        tables=_VALUE,
+        spoil=lambda daemon: drive_of(daemon).node.start_fault(
+            "value-rounded", index=QUICK_STOP_DECELERATION, step=1000
+        ),
+        says=("rejected", "6085h = 1200 of [axis.objects]", "1000", "set what it has in [axis.objects]"),
+        cure=end_fault,
+    ),
+    "the drive has another factor of units than its table of objects": DeviceSituation(
+        operates=False,
+        tables=axis(1, more='simulate = true\n[axis.objects]\n"6094h.1" = 4\n'),
+        says=("rejected", "6094h.1 = 4 of [axis.objects]", "run pdgw device write --store", "off and on"),
+        cure=both(_take_factor, end_fault),
+    ),
+    "the drive has no node-ID": DeviceSituation(
+        operates=False,
+        spoil=_without_node_id,
+        says=("Not on the bus", "no answer from node 1", "node-ID of the drive"),
+        lacks=("being configured",),
         cure=end_fault,
     ),
     "the drive sends a TPDO that is one byte shorter than its mapping": DeviceSituation(
