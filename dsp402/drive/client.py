@@ -88,7 +88,6 @@ class DriveClient(NodeClient[DriveSettings]):
 
     kind = DeviceKind("drive", "a drive", DRIVE_PROFILE, Dsp402Error)
     unknown = UNKNOWN
-    _value_writer: DriveValueWriter
 
     def __init__(
         self,
@@ -124,7 +123,7 @@ class DriveClient(NodeClient[DriveSettings]):
         """The drive's values of limits and ramps that the gateway overwrites."""
         self.command = self.own_values.write
         self.write_for_client = self._write_for_client
-        self._value_writer = DriveValueWriter(sdo, self.own_values)
+        self._value_writer = self._drive_values = DriveValueWriter(sdo, self.own_values)
         self._left_overs = LeftOvers(sdo, self._notify)
         self.zeroed: frozenset[ObjectAddress] = frozenset()
         """Objects that stay 0, because the drive would add them to the setpoint."""
@@ -305,7 +304,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.own_values.identify((*self._device, self.serial_number))
         name = self.sdo.dictionary.device_information.product_name or ""
         family = self.settings.family
-        self._value_writer.family = overlay(family) if family else overlay_for(*self._device, name)
+        self._drive_values.family = overlay(family) if family else overlay_for(*self._device, name)
         return KnownDevice(*self._device, serial_number=self.serial_number)
 
     def _read_capabilities(self) -> PdoCapabilities:

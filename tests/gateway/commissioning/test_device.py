@@ -22,6 +22,7 @@ from pdgw.gateway.commissioning.device import ConfiguredDevice, Difference
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.node.node import SimulatedNode
 from pdgw.peers.world import World
@@ -253,3 +254,28 @@ def test_beside_a_gateway_nothing_is_read(tmp_path: Path) -> None:
     ):
         site.differences()
     assert site.network.sent == before
+
+
+# -- python canopen as the device ---------------------------------------------------------------------------------------------
+
+
+def test_a_device_of_python_canopen_is_saved_compared_and_written(tmp_path: Path) -> None:
+    site = Site(_with_dcf(tmp_path / "drive.dcf", DCF))
+    site.device.do(lambda node: node.power_off())
+    with master(site.world, BUS) as other:
+        dictionary = canopen.import_od(str(EDS_PATH), 5)
+        node = other.create_node(5, dictionary)
+        for address in ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4)):
+            node.set_data(*address, int(site.node.values[address]).to_bytes(4, "little"))
+        node.set_data(0x6041, 0, b"\x40\x00")
+        assert [(item.item.name, item.held) for item in site.differences()] == [("6065h", "16384"), ("6085h", "1000")]
+        assert site.run(lambda device: device.write()) == []
+        assert [int.from_bytes(node.get_data(index, 0), "little") for index in (0x6065, 0x6085)] == [9000, 1200]
+        assert site.differences() == []
+        file, count = site.save(tmp_path)
+        read = canopen.import_od(str(file), 5)
+        found = [item for item in variables(read) if item.value is not None]
+        assert len(found) == count > 20
+        assert [item.value for item in found] == [
+            item.decode_raw(node.get_data(item.index, item.subindex)) for item in found
+        ]
