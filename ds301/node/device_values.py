@@ -171,17 +171,12 @@ class DeviceConfiguration:
             writer.check_identity(values, device)
             if values.date != (0, 0) and writer.stamp() == values.date:
                 verified = values.checksum
-            if (
-                verified
-                and not self._changed
-                and device.serial_number
-                and self.known == replace(device, verified=verified)
-            ):
+            same = self.known == replace(device, verified=verified) and device.serial_number != 0
+            if verified and same and not self._changed:
                 self._notify(f"{values.source}: not compared, 1020h of the device is that of the file")
             elif written := self._give(values, writer):
-                verified = (
-                    0  # what is written is not stored: without power the device has the old values and their 1020h
-                )
+                # What is written is not stored: without power the device has the old values, and their 1020h.
+                verified = 0
         if self.waiting:
             return
         self._changed.clear()
