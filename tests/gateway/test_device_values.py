@@ -213,39 +213,46 @@ def test_a_drive_with_power_is_stopped_and_gets_its_values_without_power(tmp_pat
         assert _held(daemon, (0x6065, 0)) == [9000]
 
 
+def _turn_without_gateway(daemon: Daemon, *, stops_by_sdo: bool) -> None:
+    """The gateway before has crashed: its drive turns, and may reject a stop by SDO."""
+    drive, loop = drive_of(daemon), world_of(daemon).loop
+    for index, value, size in ((0x6060, 3, 1), (0x60FF, 2000, 4), *((0x6040, word, 2) for word in (6, 7, 15))):
+        drive.do(lambda node, i=index, v=value, n=size: node.set_data(i, 0, v.to_bytes(n, "little")))
+        loop.run_for(SECOND // 10)
+    assert state_of(drive.node.model.statusword) is State.OPERATION_ENABLED
+    if not stops_by_sdo:
+        drive.do(lambda node: node.start_fault("write-refused", index=0x6040))
+
+
 @pytest.mark.parametrize("stops_by_sdo", [True, False])
 def test_a_drive_found_with_power_is_stopped_before_it_gets_its_values(tmp_path: Path, stops_by_sdo: bool) -> None:
-    """The gateway before has crashed; the drive keeps turning, and may reject a stop by SDO."""
     config = _config(write_dcf(tmp_path / "drive.dcf", DCF))
-    with running(config) as daemon:
-        online(daemon)
-        plc = Plc(daemon, [1])
-        plc.enable()
-        plc.turn(0x1000)
-        drive, world = drive_of(daemon), world_of(daemon)
-        _set(daemon, 0x6085, 0, 77)
-        if not stops_by_sdo:
-            drive.do(lambda node: node.start_fault("write-refused", index=0x6040))
-        client = daemon.clients[0]
-        client.distrust("a test")
-        states = []
-        writes = []
-        before = drive.node.on_written
+    written: list[State | None] = []
+
+    def before(daemon: Daemon) -> None:
+        _turn_without_gateway(daemon, stops_by_sdo=stops_by_sdo)
+        node = drive_of(daemon).node
+        own = node.on_written
 
         def note(entry, value):  # type: ignore[no-untyped-def]
             if entry.index == 0x6085:
-                writes.append((value, state_of(drive.node.model.statusword)))
-            before(entry, value)
+                written.append(state_of(node.model.statusword))
+            own(entry, value)
 
-        drive.node.on_written = note  # type: ignore[method-assign]
-        with exchanging(plc):
-            until(daemon, lambda: client.generation == 2, "online", 60 * SECOND)
-            states.append(state_of(drive.node.model.statusword))
-            assert "6085h = 1200 of drive.dcf" in client.configuration.waiting or not stops_by_sdo
-            until(daemon, lambda: client.generation == 3, "online with its values", 60 * SECOND)
-        assert writes == [(1200, State.SWITCH_ON_DISABLED)]
-        assert client.configuration.waiting == ""
-        assert not world.loop.task_errors
+        node.on_written = note  # type: ignore[method-assign]
+
+    with running(config, before) as daemon:
+        client = daemon.axes[0].drive
+        until(daemon, lambda: client.generation == 1, "online", 60 * SECOND)
+        waits = client.configuration.waiting
+        first = "6065h = 9000 of drive.dcf" if stops_by_sdo else "the values of its files are compared without power"
+        assert waits.startswith(first)
+        assert client.drive_type is not None
+        assert client.drive_type.uncorrected == waits, "no ON before it has its values"
+        assert written == []
+        until(daemon, lambda: client.generation == 2, "online with its values", 60 * SECOND)
+        assert written == [State.SWITCH_ON_DISABLED]
+        assert (client.configuration.waiting, client.drive_type.uncorrected) == ("", "")
 
 
 def test_a_drive_that_loses_power_in_the_middle_is_brought_up_from_the_beginning(tmp_path: Path) -> None:

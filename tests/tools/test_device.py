@@ -68,3 +68,14 @@ def test_a_saved_device_is_compared_written_and_stored(tmp_path: Path, monkeypat
     assert "6094h.1: may act after a restart only; switch the device off and on" in written.stdout
     assert stored == [1000, 1]
     assert nothing.stdout == "drive.dcf: the device has all of its 29 values\n"
+
+
+def test_a_bit_rate_that_lss_does_not_have_is_refused_before_the_bus_is_opened(tmp_path: Path) -> None:
+    refused = pdgw("bus", "assign", "5", "--new-bitrate", "300000")
+    allowed = "1000000, 800000, 500000, 250000, 125000, 50000, 20000, 10000"
+    assert (refused.returncode, refused.stderr) == (1, f"error: --new-bitrate 300000: allowed: {allowed}\n")
+    file = tmp_path / "gateway.toml"
+    text = CONFIG.format(interface="virtual", channel="a").replace("[can]", '[[can]]\nname = "a"')
+    file.write_text(f'{text}can = "a"\n[[can]]\nname = "b"\ninterface = "virtual"\nchannel = "b"\n')
+    several = pdgw("bus", "assign", "5", str(file))
+    assert several.stderr == f"error: {file} has several buses; name one by --interface and --channel\n"
