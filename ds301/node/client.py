@@ -120,7 +120,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """In a job: SDO write of a value that the owner commands: index, subindex and data."""
         self.write_for_client: Callable[[int, int, bytes], None] = self.sdo.write
         """The same for a parameter client."""
-        self.configuration = DeviceConfiguration(partial(self._notify, "status"))
+        self.configuration = DeviceConfiguration(partial(self._notify, Notice.PROGRESS))
         """The values of its files, and what is known of its device."""
         self._value_writer = ValueWriter(self.sdo)
         self.settings = settings
