@@ -12,7 +12,7 @@ from tests.support.documents.sources import ROOMS
 from tests.test_package import ROOT
 
 _NAME: Final = re.compile(r"`([a-z_]\w*(?:\.[A-Za-z_]\w*)+)(?:\(\))?`", re.ASCII)
-_FILES: Final = {"conf", "html", "json", "pcap", "pcapng", "pdf", "png", "ring", "scl", "toml", "txt"}
+_FILES: Final = {"conf", "dcf", "html", "json", "pcap", "pcapng", "pdf", "png", "ring", "scl", "toml", "txt"}
 """Endings of names of files that are not sources."""
 _TEXTS: Final = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/**/*.md")
 _OTHERS: Final = {"actuals", "apis", "name", "pyarrow", "ring", "setpoints", "statusword", "stw1", "type_"}

@@ -814,8 +814,10 @@ class NodeClient(abc.ABC, Generic[S]):
             return Cause(f"{missing} while its heartbeats arrive", _TPDO) if beats else Cause(missing)
         if self.polling.objects and (unread := self._check_ages(now)):
             return Cause(unread)
+        if not self.bus_failed:
+            return None
         outage = self.network.last_outage
-        return Cause(f"bus {self.network.name}: {outage.value}", outage.remedy) if self.bus_failed else None
+        return Cause(f"bus {self.network.name}: {outage.value}", outage.remedy)
 
     @property
     def bus_failed(self) -> bool:

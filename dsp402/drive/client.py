@@ -456,8 +456,10 @@ class DriveClient(NodeClient[DriveSettings]):
         return super()._send_question(now) or self.units.check(now, operates=self._operates, moves=self._moves)
 
     def _lost(self, now: int) -> Cause | None:
+        if (lost := super()._lost(now)) is not None:
+            return lost
         wrong = self._mode.wrong or self._tpdos.dropped
-        return super()._lost(now) or (Cause(wrong) if wrong else None)
+        return Cause(wrong) if wrong else None
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""

@@ -52,6 +52,7 @@ HOMES: Final = (
     "pdgw.ds301.node.node",
     "pdgw.ds301.objects",
     "pdgw.ds301.pdo",
+    "pdgw.ds301.values",
     "pdgw.dsp402.drive_type",
     "pdgw.gateway.axis.executors.sensor",
     "pdgw.gateway.axis.settings",

@@ -89,13 +89,10 @@ class DriveModel(DriveImage):
 
     def power_on(self) -> None:
         """Reset everything to its power-on value; the axis is at machine position 0."""
-        for entry in OBJECTS.entries:
-            if entry.attribute:
-                setattr(self, entry.attribute, entry.default)
-        for spec in self.shape.has:
+        for spec in (*OBJECTS.objects, *self.shape.has):
             for entry in spec.entries:
                 if entry.attribute:
-                    setattr(self, entry.attribute, entry.default)
+                    setattr(self, entry.attribute, entry.default or 0)
         self.error_register = 0
         self.state = State.NOT_READY_TO_SWITCH_ON
         self.ramp = Ramp()
