@@ -47,6 +47,7 @@ COMPILED = (
     "dsp406/encoder.py",
     "gateway/axis/**/[!_]*.py",
     "gateway/daemon/daemon.py",
+    "gateway/daemon/pause.py",
     "gateway/links/cyclic.py",
     "gateway/links/link.py",
     "gateway/links/new_frames.py",
