@@ -121,6 +121,8 @@ class Seen:
     TORQUE_AT_LIMIT: Final = 1 << 8
     ASKED: Final = 1 << 9
     """Out of operation: the request is that of a PLC in control."""
+    TURNS: Final = 1 << 10
+    """The axis is not at standstill; without it and ``STANDSTILL``, a speed by SDO does not show which."""
 
 
 @dataclass(slots=True, eq=False)

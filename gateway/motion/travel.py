@@ -41,6 +41,7 @@ _NO_INTERMEDIATE_STOP: Final = Command.NO_INTERMEDIATE_STOP
 _OUT_OF_RANGE: Final = (Reason.TASK_TARGET_RANGE, Reason.TASK_DRIVE_RANGE)
 _ARRIVED: Final = Seen.REACHED | Seen.STANDSTILL
 _STOPPED_AT_LIMIT: Final = Seen.INTERNAL_LIMIT | Seen.STANDSTILL
+_MAY_BE_LEFT: Final = Seen.INTERNAL_LIMIT | Seen.TURNS
 _PRESSES: Final = Seen.STANDSTILL | Seen.TORQUE_AT_LIMIT
 
 
@@ -172,7 +173,7 @@ class Course:
     def follow(self, request: PositionerRequest, now: int) -> None:
         """Adapt the motion to the task: hold, resume, override."""
         motion, goal = self.motion, self.goal
-        if not self._is_at_limit():
+        if self.seen.bits & _MAY_BE_LEFT != Seen.INTERNAL_LIMIT:
             self._limit.time = LIMIT_STANDING_NS
         elif goal is None or self.waits:
             self._limit.time = LIMIT_LEFT_NS

@@ -261,3 +261,23 @@ def test_standstill_and_fault_come_within_the_times_of_config_check(delay_ms: in
         drive.do(lambda node: node.start_fault("deaf"))
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: FaultNumber.STOP_IGNORED in _faults(daemon), "the fault", (fault + 12) / 1000)
+
+
+def test_a_limit_bit_of_before_a_task_may_be_its_way_out_while_the_standstill_is_unknown() -> None:
+    """The task comes before two answers have shown the standstill, and the drive begins late: its brake opens."""
+    task = {"OVERRIDE": 0x4000, "MDI_TARPOS": 20_000, "MDI_VELOCITY": 12_000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+    with running(configuration(axis(1, telegram_number=111, more=POSITIONER), transport="cycle_time_ms = 4")) as daemon:
+        drive = world_of(daemon).drive("world", 1, shape=without_pdo(0x606C, base="synchronous"))
+        _begin(drive, ("limit-bit-in-operation", {}))
+        drive.model.opening_ms = 1500
+        online(daemon)
+        plc = Plc(daemon, [111])
+        plc.endpoint.set(0, {"STW1": 0x043E, "POS_STW1": 0x8100, **task})
+        plc.exchange()
+        plc.endpoint.set(0, {"STW1": 0x043F})
+        plc.until(lambda: plc.value("ZSW1") & 0x4, "operation")
+        plc.endpoint.set(0, {"STW1": 0x047F})
+        _for(plc, 4 * SECOND)
+        assert _faults(daemon) == []
+        assert drive.model.ramp.speed == 0
+        assert plc.value("ZSW1") & 0x400, "it has reached its target"

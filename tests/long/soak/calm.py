@@ -24,7 +24,7 @@ from tests.long.rules import Seen, broken
 from tests.long.soak.calm_tasks import program
 from tests.long.soak.plan import CYCLES_MS, TRANSPARENT, AxisPlan, Part, Plan, habits_ms, shapes_of
 from tests.long.soak.soak_run import CHANNEL, SoakRun
-from tests.long.soak.watch import RATED_RPM, ViolationError, require
+from tests.long.soak.watch import ViolationError, require
 
 CALM_TELEGRAMS: Final = (*DRIVE_TELEGRAM_NUMBERS, 81, 83)
 _SHARE: Final = 0.12
@@ -59,9 +59,11 @@ NEEDED_OBJECTS: Final[dict[int | str, set[str]]] = {
 """Habits without objects that a telegram is made of, or without the identity by which devices are found. By drive variant:
 without what says that it has one of two modes with the same objects (it is refused by the name of the mode), and against its
 overlay (``range_is_limit``)."""
-UNFIT: Final[dict[int, set[str]]] = {number: {"flying-start", "load-sags"} for number in TASK_TELEGRAM_NUMBERS}
-"""Habits by telegram: before its first task a positioner brakes with the smallest 6084h, and a homing on a shaft that turns is
-one whose bits may be stuck.
+UNFIT: Final[dict[int, set[str]]] = {
+    number: {"flying-start", "load-sags", "load-swings-back"} for number in TASK_TELEGRAM_NUMBERS
+}
+"""Habits by telegram: before its first task a positioner brakes with the smallest 6084h, a homing on a shaft that turns is one
+whose bits may be stuck, and a load that swings beyond the standstill window is a task that the drive continues.
 """
 _PASSING_NS: Final = 2 * SECOND
 """A reason of a handshake with the drive ends within this time."""
@@ -72,6 +74,7 @@ _PASSING: Final = frozenset(
         Reason.NOT_OPERATING,
         Reason.SENSOR_PRESETTING,
         Reason.SENSOR_PARKED,
+        Reason.JOG_WAITS,
     }
 )
 """Reasons of a handshake; the PLC parks a sensor for a shorter time."""
@@ -113,9 +116,6 @@ def draw_habits(chance: Random, number: int, shape: str = "") -> dict[str, dict[
     }
     if "motion-starts-late" in habits:
         habits.pop("flying-start", None)  # a closed brake holds the load
-    if number in TASK_TELEGRAM_NUMBERS and (swing := habits.get("load-swings-back")):
-        # Beyond the standstill window (1 %) it is a task that the drive continues: the window of such a machine is larger.
-        swing["rpm"] = min(swing["rpm"], RATED_RPM // 120)
     return habits
 
 

@@ -52,8 +52,6 @@ _RANGE: Final = 500_000
 """100 % of a position of telegram 9: 607Bh of the simulated drive. Without a range a position is in its units."""
 _WINDOW: Final = 0.003
 """Revolutions, a little more than the ``position_window`` of the positioner."""
-_SWING: Final = 0.07
-"""The same where a home position is set, or a relative task begins, while a load swings."""
 _BLOCKS: Final = {1: 2.0, 2: -3.0, 3: -0.5}
 """Ends of the traversing blocks, and of the chain that begins with block 3."""
 _BLOCK_SHARE: Final = 0.2
@@ -343,7 +341,6 @@ class TaskProgram(AxisProgram):
         number = self.words.telegram.number
         self.positioner = number in POSITIONER_TELEGRAM_NUMBERS
         self.suffix = "_F" if number in FLOAT_TELEGRAM_NUMBERS else ""
-        self.near = _SWING if "load-swings-back" in self.axis.plan.habits else _WINDOW
         self.mdi = "OVERRIDE" in values or not self.positioner
         self.selection = "POS_STW1" if "POS_STW1" in values else "SATZANW"
         self.tasks |= {"homing": self.homing, "rejected": self.rejected}
@@ -424,7 +421,7 @@ class TaskProgram(AxisProgram):
 
     def at(self, target: float) -> bool:
         """Whether the axis has arrived."""
-        near = abs(self.where - target) <= self.near and self.at_standstill()
+        near = abs(self.where - target) <= _WINDOW and self.at_standstill()
         return near and bool(self.shown("ZSW1") & _REACHED) and self.shows(target)
 
     def shows(self, target: float) -> bool:
@@ -432,7 +429,7 @@ class TaskProgram(AxisProgram):
         if not self.mdi:
             return True
         raw = self.shown(f"XIST{self.suffix or '_A'}")
-        return abs((float_of(raw) if self.suffix else raw) - self.units(target)) <= self.units(self.near)
+        return abs((float_of(raw) if self.suffix else raw) - self.units(target)) <= self.units(_WINDOW)
 
     # -- tasks -----------------------------------------------------------------------------------------------------------
 
@@ -476,9 +473,7 @@ class TaskProgram(AxisProgram):
             self.values["SATZANW"] = 0x8000 | 35
         self.set(self.words.on)
         self.set(self.words.on | _HOMING)
-        self.ends(
-            "homing", lambda: bool(self.shown("ZSW1") & _HOMED) and abs(self.where) <= self.near and self.shows(0)
-        )
+        self.ends("homing", lambda: bool(self.shown("ZSW1") & _HOMED) and abs(self.where) <= _WINDOW and self.shows(0))
         self.set(self.words.on)
 
     def jog(self) -> None:

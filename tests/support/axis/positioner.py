@@ -217,6 +217,7 @@ class PositionerRig:
             if self.waiting is not None:
                 self._begin(self.waiting)
         self.show(Seen.STANDSTILL, not self.speed)
+        self.show(Seen.TURNS, self.speed != 0)
         reached = not self.speed and (wish.kind is MotionKind.STAND or self._at_target())
         self.show(Seen.REACHED, reached)
         self.show(Seen.ANSWERED, reached)

@@ -321,6 +321,7 @@ class MotionExecutor(Executor):
         else:
             self._turned_at = inputs.now
             if not inputs.standstill_unknown:
+                bits |= Seen.TURNS
                 self._effect.withdraw()
                 if self._stopped_by_halt is _UNMOVED:
                     self._stopped_by_halt = _STOPPED
