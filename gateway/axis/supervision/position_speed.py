@@ -131,7 +131,9 @@ class PositionSpeed(Travel):
         backwards = self._compares_signs and all(step < 0 for step, _ in self._steps)
         shares = [expected for _, expected in self._steps]
         found = Difference(-moves if backwards else moves, shown, max(shares) <= _CONSTANT * min(shares))
-        return None if 1 / TOLERANCE <= found.factor <= TOLERANCE else found
+        # A shaft that dithers may show each sample of its speed at one place of the swing.
+        small = abs(found.moved - shown) <= self._floor * self.counts_per_unit
+        return None if small or 1 / TOLERANCE <= found.factor <= TOLERANCE else found
 
 
 def shortest(step: int, span: int) -> int:

@@ -60,7 +60,7 @@ NEEDED_OBJECTS: Final[dict[int | str, set[str]]] = {
 without what says that it has one of two modes with the same objects (it is refused by the name of the mode), and against its
 overlay (``range_is_limit``)."""
 UNFIT: Final[dict[int, set[str]]] = {
-    number: {"flying-start", "load-sags", "load-swings-back"} for number in TASK_TELEGRAM_NUMBERS
+    number: {"flying-start", "load-sags", "load-swings-back"} for number in (*TASK_TELEGRAM_NUMBERS, TRANSPARENT)
 }
 """Habits by telegram: before its first task a positioner brakes with the smallest 6084h, a homing on a shaft that turns is one
 whose bits may be stuck, and a load that swings beyond the standstill window is a task that the drive continues.

@@ -52,6 +52,8 @@ _RANGE: Final = 500_000
 """100 % of a position of telegram 9: 607Bh of the simulated drive. Without a range a position is in its units."""
 _WINDOW: Final = 0.003
 """Revolutions, a little more than the ``position_window`` of the positioner."""
+_DITHER: Final = 8
+"""Increments that a shaft may be beside the home position when its load moves it."""
 _BLOCKS: Final = {1: 2.0, 2: -3.0, 3: -0.5}
 """Ends of the traversing blocks, and of the chain that begins with block 3."""
 _BLOCK_SHARE: Final = 0.2
@@ -329,7 +331,7 @@ class RawProgram(SpeedProgram):
         return bool(self.shown("Statusword") & _REACHED) and shown and self.at_standstill()
 
     def home(self) -> None:
-        self.start(Mode.HOMING, 0, lambda: self.model.position == 0, _ACKNOWLEDGED | _REACHED)
+        self.start(Mode.HOMING, 0, lambda: abs(self.model.position) <= _DITHER, _ACKNOWLEDGED | _REACHED)
 
 
 class TaskProgram(AxisProgram):

@@ -109,6 +109,15 @@ def test_contradiction_of_position_and_606ch_is_detected_within_a_second(
     assert found[2] < 1
 
 
+@pytest.mark.parametrize(
+    ("turns", "shown", "found"), [(38, 30, False), (30, 41, False), (100, 65, True), (65, 100, True)]
+)
+def test_deviation_within_the_standstill_window_may_be_that_of_a_dither(turns: int, shown: int, found: bool) -> None:
+    """Samples of a speed that have the period of the dither are all of one place of it."""
+    deviation = Axis().run(3, lambda _: turns, target=lambda _: turns, shown=lambda _: shown)
+    assert (deviation is not None and deviation[0] is FaultNumber.VELOCITY_DEVIATES) is found
+
+
 def test_deviation_is_reported_once() -> None:
     axis = Axis()
     assert axis.run(2, lambda at: 180, shown=lambda at: 120, target=lambda at: 120) is not None
