@@ -61,6 +61,7 @@ COMPILED = (
     "gateway/objects/encoder.py",
     "gateway/objects/fault_buffer.py",
     "gateway/service/cycle_times.py",
+    "gateway/trace/json_values.py",
     "gateway/trace/pcapng.py",
     "gateway/trace/recorder.py",
     "gateway/trace/steps.py",

@@ -111,8 +111,11 @@ def help_of_all() -> list[str]:
 @pytest.mark.e2e
 def test_package_and_commands_import_only_what_they_need() -> None:
     # The package itself, then the help of every command, then commands that only read, then one that decodes.
-    door, helping, looking, decoding = loaded(
-        ", ".join(["--help, -h", *help_of_all()]), "--version, status --port 1", "decode --hex 047F2000 --telegram 1"
+    door, helping, reading, looking, decoding = loaded(
+        ", ".join(["--help, -h", *help_of_all()]),
+        "status 1, status --port 1, explain 1, trace list",
+        "--version",
+        "decode --hex 047F2000 --telegram 1",
     )
     assert "pdgw.profidrive.signals" in door
     assert not door & {
@@ -126,8 +129,9 @@ def test_package_and_commands_import_only_what_they_need() -> None:
     }
     assert {"pdgw.tools.commands.capture.decode", "pdgw.tools.commands.simulation.plc"} <= helping
     assert helping & _NOT_FOR_HELP == set()
+    assert reading & _NOT_FOR_HELP == set()
     assert looking & _HEAVY == set()
-    for modules in (helping, looking):
+    for modules in (helping, reading, looking):
         products = {name for name in modules if any(name == top or name.startswith(f"{top}.") for top in _OF_COMMANDS)}
         assert products <= _WORDS_OF_HELP
     assert not decoding & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon.daemon", "pdgw.peers.drive"}

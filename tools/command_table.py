@@ -7,6 +7,7 @@ compares the help lines with those of the commands.
 from __future__ import annotations
 
 import gc
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -28,11 +29,19 @@ def _refuse_repeats(command: Any, ctx: Any, args: list[str]) -> None:
         seen.add(str(option.name))
 
 
+_NUMBER = re.compile(r"-?[0-9]{1,10}")
+
+
 def _convert_texts_only(option: Any) -> None:
-    """Leave a default as it is: typer loads pydantic to convert a value, also None."""
+    """Leave a default as it is, and convert a plain number: typer loads pydantic to convert a value, also None."""
     convert = option.process_value
+    kind, limits = option.type_descriptor.annotation, option.type_descriptor.parameter_info
 
     def process(ctx: Any, value: Any) -> Any:
+        if kind is int and option.nargs == 1 and option.callback is None and _NUMBER.fullmatch(str(value)):
+            number = int(value)
+            if (limits.min is None or number >= limits.min) and (limits.max is None or number <= limits.max):
+                return number
         several = option.multiple or option.nargs != 1
         if several or option.required or option.callback is not None or isinstance(value, str):
             return convert(ctx, value)

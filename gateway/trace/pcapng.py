@@ -196,6 +196,17 @@ class Description:
         return "" if not code else self.reasons[code - 1] if 0 < code <= len(self.reasons) else f"reason {code}"
 
 
+_TIMES: Final = {"position_actual": "position_ns", "position": "position_time"}
+"""Values whose time of arrival is a value too."""
+
+
+def time_of(name: str) -> str:
+    """The value with the time at which the frame with a value came; empty for none."""
+    prefix, point, attribute = name.rpartition(".")
+    time = _TIMES.get(attribute, "")
+    return time and prefix + point + time
+
+
 def configuration(head: bytes) -> str:
     """The gateway's configuration in a section header; empty where there is none."""
     if len(head) < _SECTION_HEAD or head[:4] != _SECTION_MAGIC:

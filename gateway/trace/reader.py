@@ -12,9 +12,9 @@ from typing import Final, NamedTuple, Self
 
 from pdgw.gateway.base.errors import GatewayError, problem, reading
 from pdgw.gateway.trace import pcapng
+from pdgw.gateway.trace.json_values import from_json
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.step_reader import Routes, Step, StepReader
-from pdgw.gateway.trace.steps import from_json
 from pdgw.profidrive.telegrams import telegram
 
 _KEPT: Final = 4096

@@ -26,7 +26,8 @@ from pdgw.gateway.base.run_directory import PREVIOUS, SUFFIX, locked
 from pdgw.gateway.configuration.file import public_config
 from pdgw.gateway.service.cycle_times import CycleListener
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.steps import StepRecord, step_record, to_json
+from pdgw.gateway.trace.json_values import to_json
+from pdgw.gateway.trace.steps import StepRecord, step_record
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.ethernet import header
 

@@ -10,8 +10,7 @@ import struct
 from typing import Any, Final, NamedTuple
 
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.pcapng import GROUPS, Description, TracedObject
-from pdgw.gateway.trace.steps import time_of
+from pdgw.gateway.trace.pcapng import GROUPS, Description, TracedObject, time_of
 from pdgw.profidrive.telegrams import telegram
 
 _RECORDED: Final = pcapng.SETPOINTS | pcapng.VALUES | pcapng.NO_SETPOINTS | pcapng.HAS_EVENTS

@@ -1,24 +1,17 @@
-"""Steps of drive objects as bytes, and values of the gateway as JSON.
+"""Steps of drive objects as bytes.
 
 The step of a drive object is what its machine was given and what it decided. The frames of the same cycle are in the same
 recording. While they have all that has changed, a step is two bytes, and the reader gets setpoints, feedback and command from
 the frames. Values that are read or written by SDO follow if they change. A step is recorded with all of its values if
 something else has changed, if the frames do not have its values (device not online, RPDO waiting), and once a second.
-
-JSON has named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them. A value has the name of its
-class, so a recording does not depend on the module that defines it. A reader ignores a field that this version does not have,
-and gives a new one its default.
 """
 
 from __future__ import annotations
 
-import enum
-import importlib
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from fractions import Fraction
+from dataclasses import fields
 from typing import Any, Final, cast
 
 from pdgw.ds301.node.client import NodeClient
@@ -26,10 +19,10 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.gateway.axis.encoder_machine import EncoderInputs
 from pdgw.gateway.axis.values import EncoderInput, Events, Inputs, Outputs, SdoWrite
-from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import ChannelInput, EncoderObject
+from pdgw.gateway.trace.json_values import to_json
 from pdgw.gateway.trace.pcapng import (
     AS_BEFORE,
     GROUPS,
@@ -43,83 +36,8 @@ from pdgw.gateway.trace.pcapng import (
     SETPOINTS,
     VALUES,
     TracedObject,
+    time_of,
 )
-
-_KIND: Final = ""
-"""Key of the kind of a value that JSON does not have."""
-_VALUE: Final = "is"
-HOMES: Final = (
-    "pdgw.ds301.node.node",
-    "pdgw.ds301.objects",
-    "pdgw.ds301.pdo",
-    "pdgw.ds301.values",
-    "pdgw.dsp402.drive_type",
-    "pdgw.gateway.axis.executors.sensor",
-    "pdgw.gateway.axis.settings",
-    "pdgw.gateway.axis.values",
-    "pdgw.gateway.motion.blocks",
-    "pdgw.gateway.motion.dsc_setpoint",
-    "pdgw.gateway.motion.requests",
-    "pdgw.gateway.base.reasons",
-    "pdgw.gateway.trace.pcapng",
-)
-"""Modules with the classes of recorded values."""
-
-
-def to_json(value: object) -> Any:
-    """Plain data for ``json.dumps``; TypeError for a value of another kind."""
-    kind = type(value)
-    if isinstance(value, enum.Enum):
-        return {_KIND: kind.__name__, _VALUE: value.name}
-    if value is None or isinstance(value, str | int | float):
-        return value
-    if is_dataclass(value):
-        return {_KIND: kind.__name__} | {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
-    if isinstance(value, Mapping):
-        return {_KIND: "dict", _VALUE: [[to_json(key), to_json(item)] for key, item in value.items()]}
-    if isinstance(value, tuple | list):
-        return [to_json(item) for item in value]
-    if isinstance(value, frozenset):
-        return {_KIND: "frozenset", _VALUE: [to_json(item) for item in sorted(value)]}
-    if isinstance(value, bytes):
-        return {_KIND: "bytes", _VALUE: value.hex()}
-    if isinstance(value, Fraction):
-        return {_KIND: "Fraction", _VALUE: str(value)}
-    raise TypeError(f"{kind.__name__} cannot be recorded")
-
-
-def from_json(value: Any) -> Any:
-    """The value of plain data; lists become tuples. GatewayError for a kind that this version does not have."""
-    if isinstance(value, list):
-        return tuple(from_json(item) for item in value)
-    if not isinstance(value, dict):
-        return value
-    kind = value[_KIND]
-    if kind in _BUILT_IN:
-        return _BUILT_IN[kind](from_json(value[_VALUE]))
-    made = recorded_class(kind)
-    if issubclass(made, enum.Enum):
-        return made[value[_VALUE]]
-    return made(**{item.name: from_json(value[item.name]) for item in fields(made) if item.name in value})
-
-
-_BUILT_IN: Final[dict[str, Any]] = {
-    "dict": dict,
-    "frozenset": frozenset,
-    "bytes": bytes.fromhex,
-    "Fraction": Fraction,
-}
-
-
-def recorded_class(name: str) -> Any:
-    """The dataclass or enum with this name. GatewayError: there is none."""
-    kind = name.rpartition(".")[2]  # 0.9.0 wrote the module before it
-    for home in HOMES:
-        found = getattr(importlib.import_module(home), kind, None)
-        if is_dataclass(found) or (isinstance(found, type) and issubclass(found, enum.Enum)):
-            return found
-    raise GatewayError(f"{name}: this version has no such value")
-
 
 _SENSOR: Final = (
     "position",
@@ -135,8 +53,6 @@ _SENSOR: Final = (
 """The values of an encoder, as ``EncoderInput`` has them, and whether it is online."""
 NO_SPEED: Final = -(1 << 63)
 """Recorded speed of an encoder without a speed."""
-_TIMES: Final = {"position_actual": "position_ns", "position": "position_time"}
-"""Values whose time of arrival is a value too."""
 _AGES: Final = {
     "velocity_actual": ("speed_asked_ns", "speed_until_ns"),
     "position_actual": ("position_asked_ns", "position_old"),
@@ -147,13 +63,6 @@ _KNOWN: Final = {"now", "standstill", "standstill_unknown", "saturations"}
 _BY_FRAMES: Final = MASK.pack(0)
 _SENT: Final = MASK.pack(SENT)
 _AS_BEFORE: Final = MASK.pack(AS_BEFORE)
-
-
-def time_of(name: str) -> str:
-    """The value with the time at which the frame with a value came; empty for none."""
-    prefix, point, attribute = name.rpartition(".")
-    time = _TIMES.get(attribute, "")
-    return time and prefix + point + time
 
 
 EVENTS: Final = tuple(sorted(item.name for item in fields(Events)))

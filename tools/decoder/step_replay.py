@@ -17,10 +17,11 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import Events, PresetAnswer, ProbeAnswer, SdoAnswer
 from pdgw.gateway.base.errors import GatewayError, reading
 from pdgw.gateway.trace import pcapng
+from pdgw.gateway.trace.json_values import from_json, to_json
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame
 from pdgw.gateway.trace.step_reader import Step
-from pdgw.gateway.trace.steps import EVENTS, NO_SPEED, from_json, to_json
+from pdgw.gateway.trace.steps import EVENTS, NO_SPEED
 from pdgw.profidrive.telegrams import telegram
 
 _COUNT: Final = "faults"

@@ -25,9 +25,9 @@ from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.run_directory import prepared, rings, run_directory
 from pdgw.gateway.trace import pcapng
+from pdgw.gateway.trace.json_values import HOMES, from_json, recorded_class, to_json
 from pdgw.gateway.trace.reader import Frame, Parser, RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.gateway.trace.steps import HOMES, from_json, recorded_class, to_json
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, world_of
 from tests.support.gateways.recorded_daemon import recorded
 

@@ -15,9 +15,9 @@ from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, AxisState, Reason
+from pdgw.gateway.trace.json_values import from_json
 from pdgw.gateway.trace.pcapng import TracedObject
 from pdgw.gateway.trace.step_reader import Step
-from pdgw.gateway.trace.steps import from_json
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.frames.canopen.can_records import (
     CanRecord,
