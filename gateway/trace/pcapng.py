@@ -18,6 +18,8 @@ from pdgw.profidrive.frame import CYCLIC_PORT
 
 CONFIGURATION: Final = "pdgw configuration\n"
 """Start of the comment with the gateway's configuration."""
+GZIP: Final = ".gz"
+"""Ending of a file that gzip has compressed."""
 VERSION: Final = 2
 """Of the description and of the steps. Steps of version 1 have all that changed, also what the frames have."""
 ETHERNET: Final = 1

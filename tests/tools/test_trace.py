@@ -76,11 +76,14 @@ def test_tshark_reads_a_saved_trace_of_both_link_types_without_a_malformed_packe
         pass_time(plc, SECOND // 2)
         file = tmp_path / "x.pcapng"
         count = save(reader, file)
+        assert save(reader, compressed := tmp_path / "x.pcapng.gz") == count
         wall = world_of(daemon).loop.wall()
     rows = tshark.fields(
         file,
         ["frame.encap_type", "frame.interface_name", "frame.time_epoch", "pn_rt.frame_id", "can.id", "_ws.malformed"],
     )
+    assert compressed.stat().st_size < file.stat().st_size / 4
+    assert len(tshark.fields(compressed, ["frame.time_epoch"])) == len(rows)
     rows = [row for row in rows if row["frame.time_epoch"]]  # the steps are blocks without a time
     assert len(rows) == count
     assert {row["frame.interface_name"] for row in rows} == {"plc", "can"}

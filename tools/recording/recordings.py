@@ -28,7 +28,7 @@ from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame, Parser
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.capture.knowledge import configured_settings
-from pdgw.tools.decoder.capture.pcap import configuration_in
+from pdgw.tools.decoder.capture.pcap import configuration_in, head_of, unpacked
 from pdgw.tools.decoder.capture.source import STANDARD_INPUT, Source, open_source, unreadable
 from pdgw.tools.decoder.export.trace_page import TracePage
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord
@@ -264,7 +264,8 @@ def _items(files: Sequence[str]) -> Iterator[Description | Frame | Cycle]:
         parser = Parser(file)
         try:
             with open(file, "rb") as opened:
-                while data := opened.read(_AT_ONCE):
+                stream = unpacked(opened, file)
+                while data := stream.read1(_AT_ONCE):
                     yield from parser.feed(data)
             parser.end()
         except OSError as error:
@@ -273,9 +274,8 @@ def _items(files: Sequence[str]) -> Iterator[Description | Frame | Cycle]:
 
 def _steps(file: str) -> Iterator[Steps]:
     """The steps in a recording of the gateway; none in another capture. Each comes after the frames of its cycle."""
-    with open(file, "rb") as opened:
-        if not pcapng.has_steps(opened.read(_AT_ONCE)):
-            return
+    if not pcapng.has_steps(head_of(Path(file), _AT_ONCE)):
+        return
     description, last_ns = None, 0
     for item in _items([file]):
         if isinstance(item, Cycle):

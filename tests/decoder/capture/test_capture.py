@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import itertools
 import socket
@@ -27,6 +28,7 @@ from pdgw.tools.decoder.capture import live
 from pdgw.tools.decoder.capture.canlog import MAX_LINE, message_packet, read_candump
 from pdgw.tools.decoder.capture.pcap import MAX_PACKET, CaptureError, read_capture
 from pdgw.tools.decoder.capture.source import open_source
+from pdgw.tools.decoder.export.archive import captures_of
 from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Packet
 from pdgw.tools.decoder.frames.records import CyclicRecord
 from tests.support.buses import PATIENCE_S, channel
@@ -346,6 +348,42 @@ def test_unreadable_file_is_reported(name: str, data: bytes, message: str, tmp_p
     (tmp_path / name).write_bytes(data)
     with pytest.raises(CaptureError, match=message), open_source(str(tmp_path / name)) as source:
         list(source.packets)
+
+
+@pytest.mark.parametrize("data", [captures.pcapng(BOTH), captures.pcap(PLC), captures.candump()])
+def test_compressed_capture_is_read_until_its_damage(data: bytes, tmp_path: Path) -> None:
+    plain, packed = tmp_path / "plain", tmp_path / "packed.gz"
+    plain.write_bytes(data)
+    packed.write_bytes(whole := gzip.compress(data))
+    with open_source(str(plain)) as source:
+        packets = list(source.packets)
+    with open_source(str(packed)) as source:
+        assert list(source.packets) == packets
+    packed.write_bytes(whole[:-4])
+    with open_source(str(packed)) as source:
+        found, error = until_damage(source.packets)
+    assert found == packets
+    assert str(error).startswith(f"{packed}: offset {len(data)}: the compressed data is damaged or ends early")
+    for damaged in (whole[:5], whole[:10] + b"?" * 40):
+        packed.write_bytes(damaged)
+        with pytest.raises(CaptureError, match=r"offset 0: .* run gzip --test"):
+            open_source(str(packed))
+
+
+def test_compressed_blf_log_has_the_size_of_its_content(tmp_path: Path) -> None:
+    log, packed = tmp_path / "a.blf", tmp_path / "a.blf.gz"
+    with can.BLFWriter(str(log)) as writer:
+        for message in captures.messages():
+            writer.on_message_received(message)
+    packed.write_bytes(gzip.compress(log.read_bytes()))
+    with open_source(str(log)) as source, open_source(str(packed)) as other:
+        assert list(other.packets) == list(source.packets)
+
+
+def test_captures_of_a_folder_include_compressed_ones(tmp_path: Path) -> None:
+    for name in ("a.pcapng", "b.PCAPNG.gz", "c.tar.gz", "d.gz"):
+        (tmp_path / name).touch()
+    assert [Path(file).name for file in captures_of([str(tmp_path)])] == ["a.pcapng", "b.PCAPNG.gz"]
 
 
 def test_missing_capture_file_is_reported() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -108,6 +109,23 @@ def test_cut_recording_is_replayed_to_its_end(whole: bytes, tmp_path: Path) -> N
     file.write_bytes(whole[: begin + length - 2])
     with pytest.raises(ReplayError, match=f"offset {begin}: the file ends within a block") as found:
         replayed([str(file)])
+    assert found.value.outcomes[0].steps > 50
+
+
+def test_compressed_recording_is_replayed_to_its_damage(
+    whole: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain, packed = tmp_path / "plain.pcapng", tmp_path / "packed.pcapng.gz"
+    plain.write_bytes(whole)
+    packed.write_bytes(data := gzip.compress(whole))
+    assert replayed([str(packed)]) == replayed([str(plain)])
+    timeline([str(plain)])
+    expected = capsys.readouterr().out
+    timeline([str(packed)])
+    assert capsys.readouterr().out == expected
+    packed.write_bytes(data[: len(data) // 2])
+    with pytest.raises(ReplayError, match=r"offset \d+: the compressed data is damaged or ends early") as found:
+        replayed([str(packed)])
     assert found.value.outcomes[0].steps > 50
 
 

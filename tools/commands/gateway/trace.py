@@ -40,7 +40,7 @@ def trace() -> None:
 
 @app.command("save")
 def save_(
-    file: Annotated[Path, typer.Argument(help="The pcapng file to write.")],
+    file: Annotated[Path, typer.Argument(help="The pcapng file to write; ending .gz: compressed by gzip.")],
     ring: Ring = None,
     last: Annotated[float | None, typer.Option(min=0.001, help="Only the last SECONDS.")] = None,
 ) -> None:

@@ -9,11 +9,15 @@ the offset."""
 
 from __future__ import annotations
 
+import gzip
+import io
 import struct
+import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 from pdgw.base.durations import SECOND, US
 from pdgw.gateway.base.errors import GatewayError
@@ -35,11 +39,50 @@ _HEAD_MAX: Final = 2 << 16
 """Bytes that contain a section header."""
 
 
+_GZIP_MAGIC: Final = b"\x1f\x8b"
+
+
+class _Unpacked(io.RawIOBase):
+    """What is in a stream that gzip has compressed. CaptureError where it is damaged, after everything before."""
+
+    def __init__(self, stream: Any, name: str) -> None:
+        self._gzip = gzip.GzipFile(fileobj=stream)
+        self._name = name
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        try:
+            part = self._gzip.read1(len(buffer))
+        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+            what = f"the compressed data is damaged or ends early, run gzip --test ({error})"
+            raise CaptureError(self._name, self._gzip.tell(), what) from error
+        buffer[: len(part)] = part
+        return len(part)
+
+
+def unpacked(stream: Any, name: str) -> Any:
+    """A buffered binary stream, or what is in it if gzip has compressed it. Offsets are those of the content."""
+    if stream.peek(len(_GZIP_MAGIC))[: len(_GZIP_MAGIC)] != _GZIP_MAGIC:
+        return stream
+    return io.BufferedReader(_Unpacked(stream, name))
+
+
+def head_of(path: Path, size: int) -> bytes:
+    """The first bytes of a capture, unpacked; fewer if it is shorter or damaged. OSError if it cannot be read."""
+    head = b""
+    with path.open("rb") as file, suppress(CaptureError):
+        stream = unpacked(file, str(path))
+        while len(head) < size and (part := stream.read1(size - len(head))):
+            head += part
+    return head
+
+
 def configuration_in(path: Path) -> str:
     """The gateway's configuration in a pcapng file's first comment; empty where there is none."""
     try:
-        with path.open("rb") as file:
-            return pcapng.configuration(file.read(_HEAD_MAX))
+        return pcapng.configuration(head_of(path, _HEAD_MAX))
     except OSError:
         return ""
 

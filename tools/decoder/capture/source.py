@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final
 
 from pdgw.tools.decoder.capture.canlog import SAVVYCAN, is_candump, read_candump, read_messages, read_savvycan
-from pdgw.tools.decoder.capture.pcap import CaptureError, is_pcap, read_capture
+from pdgw.tools.decoder.capture.pcap import CaptureError, is_pcap, read_capture, unpacked
 from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Packet, Settings, given_axes
 from pdgw.tools.decoder.frames.records import Record
 
@@ -50,7 +50,7 @@ _CONTENT: Final = ((b"LOGG", _BLF), (b"MDF ", ".mf4"), (b"date ", ".asc"), (b";"
 """First bytes of the formats of python-can."""
 _ENCODINGS: Final = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
 """Byte order marks of text; Notepad and PowerShell write them."""
-FORMATS: Final = "pcap, pcapng, candump, .asc, .blf, .csv (python-can, SavvyCAN), .db, .mf4, .trc"
+FORMATS: Final = "pcap, pcapng (also .gz), candump, .asc, .blf, .csv (python-can, SavvyCAN), .db, .mf4, .trc"
 
 
 @dataclass
@@ -104,10 +104,13 @@ def open_source(path: str) -> Source:
 
 def source_of_stream(name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack) -> Source:
     """An open buffered binary stream as ``open_source`` would take it: ``suffix`` decides where the content does not."""
+    position = _position(stream)
+    stream, packed = unpacked(stream, name), stream
     head = bytes(stream.peek(_HEAD)[:_HEAD])
     if not head:
         raise CaptureError(name, 0, "is empty")
-    position = _position(stream)
+    if stream is not packed and not is_pcap(head):
+        size = None  # of the content, which other readers need
     for mark, encoding in _ENCODINGS.items():
         if head.startswith(mark):
             stream = io.BufferedReader(_Recoded(io.TextIOWrapper(stream, encoding, "replace")))

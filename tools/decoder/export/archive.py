@@ -21,6 +21,7 @@ from urllib.parse import quote
 
 from pdgw.base.extras import missing
 from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.trace import pcapng
 from pdgw.tools.decoder.capture.knowledge import Knowledge, known_beforehand, look_ahead
 from pdgw.tools.decoder.capture.pcap import CaptureError, configuration_in
 from pdgw.tools.decoder.capture.source import open_source
@@ -95,7 +96,7 @@ class ParquetTable:
 
 
 ENDINGS: Final = frozenset((".pcap", ".pcapng", ".log", ".asc", ".blf", ".trc", ".csv", ".mf4", ".db"))
-"""Suffixes of the files in a folder that count as captures."""
+"""Suffixes of the files in a folder that count as captures, also compressed."""
 _SINGLE: Final = ".parquet"
 _UNFINISHED: Final = ".unfinished"
 
@@ -142,12 +143,16 @@ def is_data_set(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() != _SINGLE
 
 
+def _ending(path: Path) -> str:
+    return Path(path.name.lower().removesuffix(pcapng.GZIP)).suffix
+
+
 def captures_of(paths: Sequence[str]) -> list[str]:
     """The files, and those in the folders among them, each once; GatewayError when there are none."""
     found: dict[str, None] = {}
     for text in paths:
         path = Path(text)
-        inside = sorted(item for item in path.rglob("*") if item.suffix.lower() in ENDINGS and item.is_file())
+        inside = sorted(item for item in path.rglob("*") if _ending(item) in ENDINGS and item.is_file())
         found |= dict.fromkeys(str(item) for item in (inside if path.is_dir() else [path]))
     if not found:
         raise GatewayError(
