@@ -282,6 +282,16 @@ def test_acceleration_to_an_earlier_setpoint_is_accepted_during_a_stop() -> None
     assert watched(watch, Order.RAMP, State.OPERATION_ENABLED, began + since, 3001)
 
 
+@pytest.mark.parametrize("order", [Order.HALT, Order.RAMP])
+def test_acceleration_during_a_long_reaction_time_is_no_growth(order: Order) -> None:
+    reaction, began = SECOND, 10**12
+    watch = made_watch(reaction, 10 * SECOND, ENTER)
+    for since in range(0, 3 * reaction, CYCLE):
+        share = min(since, reaction) / reaction - max(0, since - reaction) / (5 * SECOND)
+        assert not watched(watch, order, State.OPERATION_ENABLED, began + since, int(1000 + 2000 * share)), since
+    assert watch.order is order
+
+
 def test_fault_reaction_of_the_drive_has_no_time_limit() -> None:
     bench = turning()
     bench.drive.feedback.statusword = STATUS_OF[State.FAULT_REACTION_ACTIVE]
@@ -426,6 +436,19 @@ def test_drive_that_does_not_hear_disable_operation_is_stopped_soon() -> None:
     assert without_reaction(bench, ON & ~0x8, REACTION // CYCLE + 5) is Brake.NMT_STOP
 
 
+def test_drive_that_begins_to_brake_after_disable_operation_and_then_keeps_its_speed_is_stopped() -> None:
+    """It has fallen by more than the standstill window, but not by 5 % in the stop time."""
+    stop_time, began, kept = AxisSettings().stop_time_ns, 10**12, int(0.96 * FULL)
+    watch = made_watch(REACTION, stop_time, ENTER)
+    found = -1
+    for since in range(0, REACTION + 2 * stop_time, REACTION // 4):
+        velocity = kept if since > REACTION // 2 else FULL
+        if watched(watch, Order.DISABLE, State.OPERATION_ENABLED, began + since, velocity):
+            found = since
+            break
+    assert 0.8 * stop_time <= found <= stop_time
+
+
 @pytest.mark.parametrize("seconds", [1, 5, 18])
 def test_ramp_with_jerk_limit_after_disable_operation_is_accepted(seconds: float) -> None:
     bench = turning()
@@ -535,7 +558,36 @@ def test_each_state_that_must_end_has_its_own_time() -> None:
     assert watched(watch, Order.OFF2, stopping, 2 * REACTION + 2)
 
 
+def test_each_failure_to_stop_has_its_own_begin() -> None:
+    watch = made_watch(REACTION, AxisSettings().stop_time_ns, ENTER)
+    for began in (10**12, 2 * 10**12):
+        watched(watch, Order.STOP, State.OPERATION_ENABLED, began, TURNING)
+        assert watched(watch, Order.STOP, State.OPERATION_ENABLED, began + REACTION + 1, TURNING)
+        assert watch.ignored_at == began
+        watch.over()
+        assert watch.ignored_at == 0
+
+
 # -- a speed that is read by SDO ----------------------------------------------------------------------------------------
+
+
+def test_a_brake_has_its_time_while_the_speed_is_unknown() -> None:
+    watch = made_watch(REACTION, AxisSettings().stop_time_ns, ENTER)
+    for since, late in ((0, False), (REACTION + 1, False), (ENTER, False), (ENTER + 1, True)):
+        now = SECOND + since
+        found = watch.step(
+            Order.OFF, State.OPERATION_ENABLED, True, False, TURNING, 0, 0, 0, 30, now, standstill_unknown=True
+        )
+        assert (found is not None) is late, since
+
+
+def test_a_drive_whose_speed_never_came_under_its_stop_has_a_ramp_from_100_percent() -> None:
+    watch, began = made_watch(REACTION, AxisSettings().stop_time_ns, ENTER), 10**12
+    for now in (began, began + REACTION + 1):
+        watch.step(Order.STOP, State.OPERATION_ENABLED, True, False, TURNING, began - 1, 0, 0, 30, now)
+    assert watch.brake is Brake.NMT_STOP
+    assert not watch.needs_last_stop(TURNING, 30, now)
+    assert watch.needs_last_stop(TURNING, 30, began + REACTION + 2 * AxisSettings().stop_time_ns)
 
 
 @pytest.mark.parametrize(

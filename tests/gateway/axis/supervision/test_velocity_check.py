@@ -12,6 +12,7 @@ import pytest
 from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
+from pdgw.gateway.axis.supervision.growth import Growth
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.values import Inputs, Outputs
@@ -223,6 +224,31 @@ def test_alternating_setpoints_do_not_begin_the_time_again() -> None:
     assert axis.run(1, lambda at: 1500) is None
     found = axis.run(9, lambda at: 1500, target=lambda at: 500 if at % 0.2 < 0.1 else -500)
     assert found is not None
+
+
+def test_load_that_swings_back_after_a_stop_is_accepted() -> None:
+    axis = Axis()
+    assert axis.run(1, lambda at: 1000) is None
+    assert axis.run(2, lambda at: -800 if 0.1 < at < 1.5 else 800, target=lambda at: 0) is None
+
+
+@pytest.mark.parametrize(("speed", "setpoint"), [(2000, 100), (-2000, -200)])
+def test_the_setpoint_of_the_direction_is_named(speed: int, setpoint: int) -> None:
+    check, now = made_check(), SECOND
+    check.set_drive(scaling(), 30)
+    found = None
+    while found is None:
+        now += 2 * CYCLE
+        assert check.is_due(True, speed, now)
+        found = check.step((-200, 100), speed if now > 2 * SECOND else 0, 0, 0, now)
+    assert found[1] == f"606Ch is {speed} with a setpoint of {setpoint}, above 150 %"
+
+
+def test_answer_to_a_setpoint_of_the_last_step_is_no_growth() -> None:
+    growth = Growth(100 * MS)
+    growth.restart(1000, 0)
+    found = [growth.step(1000 + 20 * step, 2000 if step == 1 else 500, step * 100 * MS) for step in range(1, 9)]
+    assert found == [False] * 7 + [True]
 
 
 def test_growing_speed_at_a_constant_setpoint_is_a_contradiction() -> None:
