@@ -244,7 +244,7 @@ def test_the_setpoint_of_the_direction_is_named(speed: int, setpoint: int) -> No
     assert found[1] == f"606Ch is {speed} with a setpoint of {setpoint}, above 150 %"
 
 
-def test_answer_to_a_setpoint_of_the_last_step_is_no_growth() -> None:
+def test_answer_to_a_setpoint_of_the_last_step_does_not_count() -> None:
     growth = Growth(100 * MS)
     growth.restart(1000, 0)
     found = [growth.step(1000 + 20 * step, 2000 if step == 1 else 500, step * 100 * MS) for step in range(1, 9)]
