@@ -162,6 +162,22 @@ def test_inverter_that_keeps_its_speed_gets_quick_stop_as_any_drive(speed: int, 
     assert bench.numbers == [FaultNumber.STOP_IGNORED]
 
 
+def test_inverter_at_a_torque_limit_whose_demand_value_is_the_minimum_speed_has_the_setpoint() -> None:
+    bench = inverter()
+    bench.order(ON, 0x2000, 100, lambda cycle: 1500)
+    bench.demand = MINIMUM
+    bench.drive.feedback.statusword |= StatusBit.INTERNAL_LIMIT
+    assert bench.order(ON, 0, 1000, lambda cycle: 1500) == 1000
+
+
+def test_an_axis_that_lags_does_so_no_longer_without_operation() -> None:
+    bench = Unmoved().at_speed()
+    bench.order(ON, SPEED, 400, lambda cycle: 2000)
+    assert bench.stepper.machine.lags_since
+    bench.order(OFF, SPEED, 1, lambda cycle: 2000)
+    assert bench.stepper.machine.lags_since == 0
+
+
 def test_minimum_speed_counts_with_a_setpoint_alone() -> None:
     """STW1.4 = 0 and OFF1 leave out the bit of the reference, and the ramp ends at 0."""
     for word in (ON & ~0x10, OFF):
