@@ -226,6 +226,18 @@ def test_alternating_setpoints_do_not_begin_the_time_again() -> None:
     assert found is not None
 
 
+def test_a_speed_that_does_not_approach_its_setpoint_lags_and_is_late_until_it_follows() -> None:
+    axis = Axis()
+
+    def state(rpm: float, seconds: float) -> tuple[bool, bool]:
+        assert axis.run(seconds, lambda at: rpm, target=lambda at: 1000) is None
+        return axis.check.lags_since(axis.now) > 0, axis.check.is_late(axis.now)
+
+    assert [state(1000, 1), state(800, 0.9), state(800, 1), state(800, 20), state(1000, 2)] == [
+        *((False, False), (False, False), (True, False), (True, True), (False, False))
+    ]
+
+
 def test_load_that_swings_back_after_a_stop_is_accepted() -> None:
     axis = Axis()
     assert axis.run(1, lambda at: 1000) is None
