@@ -55,10 +55,12 @@ NEEDED_OBJECTS: Final[dict[int | str, set[str]]] = {
     "csv": {"supported-modes-missing"},
     "engel": {"position-wraps"},
     "synchronous": {"position-wraps"},
+    "no-abort-option": {"starts-itself"},
 }
 """Habits without objects that a telegram is made of, or without the identity by which devices are found. By drive variant:
 without what says that it has one of two modes with the same objects (it is refused by the name of the mode), and against its
-overlay (``range_is_limit``)."""
+overlay (``range_is_limit``); one that is in fault when it leaves Operational, which a node that starts itself does at the bring-up.
+"""
 UNFIT: Final[dict[int, set[str]]] = {
     number: {"flying-start", "load-sags", "load-swings-back"} for number in (*TASK_TELEGRAM_NUMBERS, TRANSPARENT)
 }
