@@ -28,6 +28,8 @@ class Direction(enum.Enum):
     SETPOINT = "setpoint"
     ACTUAL = "actual"
 
+    __hash__ = object.__hash__  # members are single objects, and used as keys for every frame
+
 
 class ApplicationMode(enum.Enum):
     """Function of the axis with a telegram."""

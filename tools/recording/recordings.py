@@ -235,15 +235,16 @@ def followed(opening: Opening, part: Part = Part()) -> Iterator[Entry | Record]:
         watchdog_factor=known.watchdog_factor,
         uncertainty_ns=opening.clocks.uncertainty_ns,
     )
+    has = None if part == Part() else part.has
     try:
         for record in opening.records():
             if part.end_ns is not None and record.time_ns > part.end_ns + HOLD_NS:
                 break
-            yield from (item for item in builder.add(record) if part.has(item))
+            yield from builder.add(record) if has is None else filter(has, builder.add(record))
     except GatewayError:
-        yield from (item for item in builder.release() if part.has(item))
+        yield from filter(part.has, builder.release())
         raise
-    yield from (item for item in builder.finish() if part.has(item))
+    yield from filter(part.has, builder.finish())
 
 
 def write_page(opening: Opening, part: Part, path: Path) -> None:

@@ -81,13 +81,13 @@ class TimelineBuilder:
     def add(self, record: Record | Steps) -> Sequence[Entry | Record]:
         """Add a record, roughly in order of time. Return the entries that are complete now, and the packets between them."""
         now = self._last_ns = record.time_ns
-        if isinstance(record, CanRecord):
+        if isinstance(record, CyclicRecord):
+            self._seen.add(record.direction)
+            self._exchange.take(record)
+        elif isinstance(record, CanRecord):
             self._can(record)
         elif isinstance(record, Steps):
             self._step(record.description, record.cycle)
-        elif isinstance(record, CyclicRecord):
-            self._seen.add(record.direction)
-            self._exchange.take(record)
         elif isinstance(record, RelationRecord):
             self._exchange.relate(now, record.change, record.connection)
         elif isinstance(record, AlarmRecord):
