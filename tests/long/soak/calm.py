@@ -59,7 +59,7 @@ NEEDED_OBJECTS: Final[dict[int | str, set[str]]] = {
 }
 """Habits without objects that a telegram is made of, or without the identity by which devices are found. By drive variant:
 without what says that it has one of two modes with the same objects (it is refused by the name of the mode), and against its
-overlay (``range_is_limit``); one that is in fault when it leaves Operational, which a node that starts itself does at the bring-up.
+overlay (``range_is_limit``). One is in fault when it leaves Operational, as a node that starts itself does at the bring-up.
 """
 UNFIT: Final[dict[int, set[str]]] = {
     number: {"flying-start", "load-sags", "load-swings-back"} for number in (*TASK_TELEGRAM_NUMBERS, TRANSPARENT)
