@@ -227,6 +227,7 @@ class Interpolation:
         self.held = {1: 1, 2: exponents[0]}
 
     def write(self, step: SdoStep) -> int:
+        assert step.subindex == 2 or 1 <= step.value <= 255, "a count that 60C2h/1 can have"
         allowed = step.value in self.exponents if step.subindex == 2 else step.value <= self.highest
         if not allowed:
             raise SdoAbortedError(Abort.VALUE_RANGE)
