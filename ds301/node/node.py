@@ -31,7 +31,7 @@ class NodeStatus(enum.Enum):
 
 
 class Cause(NamedTuple):
-    """Why a node is not in operation: what was seen, and what to do; empty: nothing special."""
+    """Why a node is not in operation: what was seen, and what to do. An empty remedy: nothing can be advised."""
 
     evidence: str
     remedy: str = ""

@@ -28,7 +28,7 @@ _SILENT: Final[Mapping[str, Mapping[str, object]]] = {
 
 
 def listen(config: CanConfig, platform: Platform | None = None) -> Iterator[str]:
-    """One line for each other bit rate: what was heard there, or the commands to listen by hand."""
+    """Yield one line for each other bit rate: what was heard, or the commands with which a user listens."""
     silent = _SILENT.get(config.interface)
     present = config.bitrate or DEFAULT_BITRATE
     for rate in LSS_BIT_TIMINGS:

@@ -52,7 +52,7 @@ class Replayed:
 
 
 class ReplayError(GatewayError):
-    """A recording cannot be replayed any further. ``outcomes``: what was compared before."""
+    """The rest of a recording cannot be replayed. ``outcomes`` has the results up to there."""
 
     def __init__(self, text: str, outcomes: list[Replayed]) -> None:
         self.outcomes = outcomes
