@@ -111,8 +111,10 @@ class VelocityCheck:
         ``position_ns``: the newest 6064h and when it came, 0 never. ``now``: the cycle, or when the speed was requested by
         SDO: it may be older than the position. Times are monotonic nanoseconds.
         """
-        compared = self._compared
-        elapsed, self._compared_at = now - self._compared_at, now
+        compared, elapsed = self._compared, now - self._compared_at
+        if elapsed < 0:
+            return None  # a speed from before the operation is that of another motion
+        self._compared_at = now
         if compared.position_ns:
             compared.note(velocity)
         if speeds is None:
@@ -143,7 +145,7 @@ class VelocityCheck:
         """606Ch beyond the setpoint for longer than an overshoot, or growing; a drive on its ramp down may take its time."""
         floor = self._floor
         if self._up < 0:
-            elapsed = 0  # a speed by SDO may be older than the operation
+            elapsed = 0
             self._up, self._down = float(max(velocity, 0)), float(max(-velocity, 0))
             self._growth.restart(abs(velocity), now)
         falls = self._full * elapsed / (_RAMP_MARGIN * self._stop_time)

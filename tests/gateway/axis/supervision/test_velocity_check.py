@@ -320,6 +320,17 @@ def test_check_restarts_with_each_operation() -> None:
         assert not axis.check.is_due(False, 0, axis.now)
 
 
+def test_a_speed_from_before_the_operation_is_no_ceiling() -> None:
+    """Read by SDO: a flying shaft was still slow when it was requested, and gets 7130 ms for its ramp to 0."""
+    check, begun = made_check(), SECOND
+    check.set_drive(scaling(), 30)
+    for now in range(begun, begun + 3 * SECOND, CYCLE):
+        asked = begun - 80 * MS + (now - begun) // (100 * MS) * 100 * MS
+        speed = 140 if asked < begun else 300 - 42 * (asked - begun) // (100 * MS)
+        if check.is_due(True, max(speed, 0), now):
+            assert check.step((0, 0), max(speed, 0), 0, 0, asked) is None
+
+
 @pytest.mark.parametrize("resting", [0, 1, 2])
 def test_jerky_motion_whose_period_equals_the_comparison_is_not_a_contradiction(resting: int) -> None:
     """DSC with few position updates jumps and rests, in the rhythm in which speeds are compared."""
