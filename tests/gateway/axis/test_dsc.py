@@ -14,7 +14,8 @@ from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.peers.drive import DriveModel
 from tests.support.axis.rig import Rig
@@ -390,6 +391,17 @@ def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
     rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, velocity_per_rpm=None)))
     rig.step(2)
     assert rig.stepper.numbers == [FaultNumber.REFERENCE]
+    assert rig.stepper.events[0].remedy == 'paste into its [[axis]] and fill in: velocity_unit = "?"'
+
+
+def test_the_remedy_of_a_quantity_that_no_key_gives_is_that_of_the_fault() -> None:
+    rig = axis(DscForm.SPEED)
+    drive = engel(REFERENCES)
+    rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, references={})))
+    rig.step(2)
+    (event,) = rig.stepper.events
+    assert event.text.endswith("speed: 100 % is unknown")
+    assert event.remedy == remedy_text(GATEWAY_FAULTS[FaultNumber.REFERENCE].remedy)
 
 
 @pytest.mark.parametrize("form", FORMS)
