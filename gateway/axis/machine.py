@@ -275,8 +275,6 @@ class AxisMachine:
                 inputs.standstill = standstill = -window <= feedback.velocity_actual <= window
             condition = None if inputs.drive_ok else Drive.LOST
         else:
-            if inputs.speed_asked_ns:
-                self._read_polled_speed(wish)
             off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             powered = not off or enables(commanded)  # which the Statusword may not show yet
             condition = Drive.POWERED_UNREAD if powered else Drive.NO_REFERENCES
