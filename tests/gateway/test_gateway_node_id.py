@@ -180,6 +180,10 @@ def test_repeated_boot_up_is_one_line_in_the_log(caplog: pytest.LogCaptureFixtur
             device.send(HEARTBEAT, b"\0")
             plc.exchange(50)
         assert caplog.text.count(BOOTED) == 1
+        world_of(daemon).loop.run_for(11 * SECOND)
+        device.send(HEARTBEAT, b"\0")
+        plc.exchange(50)
+        assert caplog.text.count(BOOTED) == 2
         assert len(daemon.notes) == 1
 
 

@@ -129,6 +129,17 @@ def test_sync_of_a_node_that_has_booted_is_cleared_and_named(caplog: pytest.LogC
         assert "axis 1: node 1005h bit 30 cleared: the node has sent SYNC, which the gateway sends" in caplog.text
 
 
+def test_sync_of_one_of_two_nodes_that_have_booted_is_its_own() -> None:
+    both = axis(1, telegram_number=105, more=DSC) + axis(2, telegram_number=105, more=DSC)
+    with running(configuration(both)) as daemon:
+        until(daemon, lambda: all(item.drive.generation for item in daemon.axes), "both online")
+        drive_of(daemon, 2).do(lambda node: node.restart())
+        with sync_after_boot(PRODUCER, daemon):
+            world_of(daemon).loop.run_for(5 * SECOND)
+        assert daemon.failure is None
+        assert all(item.drive.generation for item in daemon.axes)
+
+
 def test_sync_after_the_boot_up_of_a_node_without_bit_30_is_of_another_master() -> None:
     with operating(configuration(axis(1, telegram_number=105, more=DSC))) as (daemon, plc), exchanging(plc):
         with sync_after_boot(CONSUMER, daemon):
