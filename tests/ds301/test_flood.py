@@ -31,6 +31,12 @@ def test_identifier_with_most_of_a_full_bus_is_named() -> None:
     assert 0.75 < flood.load <= 1
 
 
+def test_frames_that_waited_for_the_sample_are_no_more_than_a_full_bus() -> None:
+    flood = sample(id001=2 * FULL)
+    assert flood is not None
+    assert flood.load == 1
+
+
 def test_a_busy_bus_of_several_senders_is_not_flooded_by_one() -> None:
     assert sample(id181=FULL // 3, id182=FULL // 3, id183=FULL // 3) is None
 

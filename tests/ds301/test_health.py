@@ -50,6 +50,15 @@ def test_first_frame_of_a_device_that_was_off_does_not_prove_a_stuck_interface()
     assert health.outage is Outage.UNACKNOWLEDGED
 
 
+def test_the_queue_of_a_lost_interface_is_gone_with_it() -> None:
+    health = BusHealth()
+    refuse(health, 1, BUSY_NS)
+    health.lost()
+    assert health.outage is Outage.INTERFACE
+    health.received(SECOND)
+    assert health.outage is None
+
+
 def test_bus_off_stays_what_a_full_queue_means_until_the_controller_reports_another_state() -> None:
     health = BusHealth()
     health.error(1, bus_off=True)
