@@ -57,6 +57,9 @@ def test_two_files_of_one_name_have_two_stores(tmp_path: Path) -> None:
     first, second = (load_config(line(number, tmp_path)) for number in (1, 2))
     assert first.store != second.store
     store_of(first, []).update(select(2))
+    reports: list[str] = []
+    store_of(second, reports)
+    assert reports == [], "the other file has not been moved"
     with running(second) as daemon:
         assert daemon.axes[0].telegram.number == 1
     assert first.store is not None
