@@ -117,7 +117,8 @@ def draw_habits(chance: Random, number: int, shape: str = "") -> dict[str, dict[
         if habit.name not in needed
     }
     if "motion-starts-late" in habits:
-        habits.pop("flying-start", None)  # a closed brake holds the load
+        for name in ("flying-start", "load-swings-back"):
+            habits.pop(name, None)  # a closed brake holds the load
     return habits
 
 
