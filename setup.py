@@ -31,6 +31,7 @@ COMPILED = (
     "ds301/node/configuring.py",
     "ds301/node/doubles.py",
     "ds301/node/node.py",
+    "ds301/node/operation.py",
     "ds301/node/sdo.py",
     "ds301/pdo.py",
     "ds301/sdo_transfer.py",

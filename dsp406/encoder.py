@@ -116,7 +116,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def position_time(self, channel: int) -> int:
         """When the position of a channel arrived, monotonic nanoseconds; 0 before the first."""
         name = position_of(channel)
-        sent = (slot.time for slot in self._slots if name in slot.pdo.attributes)
+        sent = (slot.time for slot in self.operation.slots if name in slot.pdo.attributes)
         read = self.polling.find(name)
         return max([0 if read is None else read.asked_ns, *sent])
 
@@ -133,7 +133,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
     @property
     def position_age_ns(self) -> int:
         """Longest age of a position that counts."""
-        return max(self._timeout_ns, self._read_age_ns) if self.polling.objects else self._timeout_ns
+        return max(self.operation.timeout_ns, self._read_age_ns) if self.polling.objects else self.operation.timeout_ns
 
     # -- the node's task ------------------------------------------------------------------------------------------------
 

@@ -37,16 +37,17 @@ from pdgw.ds301.communication import (
     NmtCommand,
     NmtState,
 )
-from pdgw.ds301.configuration import EVERY_SYNC, disable_pdo
+from pdgw.ds301.configuration import disable_pdo
 from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.device_values import DeviceConfiguration, ValueWriter
-from pdgw.ds301.node.doubles import Jumps, SecondTpdos
+from pdgw.ds301.node.doubles import Jumps
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import Cause, Loss, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
-from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
+from pdgw.ds301.node.operation import Operation, planned
+from pdgw.ds301.node.plan import PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.polling import POLL_NS, Polling
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
@@ -67,8 +68,6 @@ _RETRY_REFUSED_NS: Final = 5 * SECOND
 _RECHECK_NS: Final = 5 * MS
 _FIRST_SIGN_NS: Final = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
-_MISSED: Final = 4
-"""So often may a TPDO be missed that does not come with each SYNC."""
 FAILURES: Final = 3
 """So often in a row may an object not be read before the node is lost."""
 _NEVER: Final = 1 << 62
@@ -139,11 +138,10 @@ class NodeClient(abc.ABC, Generic[S]):
         self.generation = 0
         """Counts completed configurations, so that the owner sees each restart exactly once."""
         self._old_length_errors = 0
-        self._slots: list[TpdoSlot] = []
+        self.operation = Operation()
+        """What it does by the plan."""
         self.polling = Polling()
         """The objects that are read by SDO."""
-        self._sending = False
-        """The node is in operation and takes RPDOs."""
         self.heartbeat = Heartbeat(network, settings.node_id, self.sdo.doubles)
         self._position = ("", 0)
         """Attribute of the images with the position, and position units of one revolution; 0: unknown."""
@@ -162,19 +160,13 @@ class NodeClient(abc.ABC, Generic[S]):
         """It sends SYNC after its boot-up (1005h bit 30), until it is configured."""
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
-        self._stopped = False
-        """Its owner has stopped it by NMT."""
         self._emcy = ("", 0)
         """Text and time of its last EMCY; the end of errors replaces an error after a second."""
-        self._started = 0
-        """When it was started last."""
         self.unconfirmed = ""
         """Why the cyclic side must not use an online node: what the gateway relies on was written, or a job writes it now.
         Empty: it may."""
         self._check_at = _NEVER
         """When the node is brought up again because its configuration was written to."""
-        self._bus_failures = 0
-        """Failures of the bus before the node came online."""
         self._jobs = Jobs()
         self._task: Task | None = None
         self._receivers: list[tuple[int, Callable[[bytes, int], None]]] = [
@@ -228,7 +220,7 @@ class NodeClient(abc.ABC, Generic[S]):
     @property
     def length_errors(self) -> int:
         """TPDOs shorter than their mapping, ignored."""
-        return self._old_length_errors + sum(slot.errors for slot in self._slots)
+        return self._old_length_errors + sum(slot.errors for slot in self.operation.slots)
 
     @property
     def is_first_request(self) -> bool:
@@ -252,7 +244,7 @@ class NodeClient(abc.ABC, Generic[S]):
     @property
     def received_ns(self) -> int:
         """Time of the node's last TPDO or heartbeat; 0: never."""
-        return max([self.heartbeat.time, *(slot.time for slot in self._slots)])
+        return max([self.heartbeat.time, *(slot.time for slot in self.operation.slots)])
 
     @property
     def shown_values(self) -> list[tuple[int, str, list[str]]]:
@@ -263,7 +255,7 @@ class NodeClient(abc.ABC, Generic[S]):
         read = {item.entry.attribute for item in self.polling.objects}
         return [
             (slot.cob_id, slot.pdo.struct.format, ["" if name in read else name for name in slot.pdo.attributes])
-            for slot in self._slots
+            for slot in self.operation.slots
         ]
 
     def start(self) -> None:
@@ -290,12 +282,11 @@ class NodeClient(abc.ABC, Generic[S]):
         """NMT pre-operational and end of the task. The caller must have stopped the device before."""
         if self._task is not None:
             self._task.kill()
-        self._sending = False
+        self._end_operation()
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         self.status = NodeStatus.OFFLINE
         self.cause = Cause("stopped")
         self._jobs.fail(self._not_online)
-        self._unsubscribe_pdos()
         self.network.require_sync(self.settings.node_id, required=False)
         if self._task is not None:
             self._task = None
@@ -307,7 +298,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def reconfigure(self, layout: PdoLayout, settings: S) -> None:
         """Map other PDOs with other settings; the device must not be in operation."""
-        self._sending = False
+        self.operation.sends = False
         self.layout = layout
         self.settings = settings
         self._apply_times()
@@ -323,8 +314,9 @@ class NodeClient(abc.ABC, Generic[S]):
         A loss changes ``status`` at once (``_lose``), although the task may wait for an answer.
         """
         fresh = self.status is _ONLINE and not self.unconfirmed
-        oldest = now - self._timeout_ns
-        for slot in self._slots:
+        operation = self.operation
+        oldest = now - operation.timeout_ns
+        for slot in operation.slots:
             data = slot.data
             if data is not slot.taken:
                 slot.taken = data
@@ -367,11 +359,13 @@ class NodeClient(abc.ABC, Generic[S]):
         settings = self.settings
         self._sdo_timeout_ns = max(settings.sdo_timeout_ms * MS, self._slow)
         self.sdo.set_timeout(self._sdo_timeout_ns, slow=self._slow > 0)
-        self._timeout_ns = settings.tpdo_limit_ns
 
-    def _unsubscribe_pdos(self) -> None:
-        for slot in self._slots:
+    def _end_operation(self) -> None:
+        """What the node does by its plan is no longer used."""
+        self._old_length_errors = self.length_errors
+        for slot in self.operation.slots:
             self.network.unsubscribe_pdo(slot.cob_id)
+        self.operation = Operation()
 
     def _run(self) -> None:
         try:
@@ -446,7 +440,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def stop_node(self) -> None:
         """NMT stop: the device does not do what its owner commands. The next bring-up starts it again."""
-        self._stopped = True
+        self.operation.stopped = True
         self._nmt(NmtCommand.STOP)
 
     def _nmt(self, command: NmtCommand) -> None:
@@ -461,9 +455,11 @@ class NodeClient(abc.ABC, Generic[S]):
                 self._prepare()
         finally:
             self.sdo.patient = False
+        started = self.loop.now()
         try:
-            self._await(_FIRST_SIGN_NS, self._missing_tpdos)
-            self._await(max(_FIRST_SIGN_NS, self.settings.heartbeat_limit_ns), self._missing_heartbeat)
+            self._await(started, _FIRST_SIGN_NS, self._missing_tpdos)
+            limit = max(_FIRST_SIGN_NS, self.settings.heartbeat_limit_ns)
+            self._await(started, limit, self._missing_heartbeat)
         except CanopenError:
             self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)  # a rejected node executes NMT commands but must send no PDOs
             raise
@@ -471,7 +467,7 @@ class NodeClient(abc.ABC, Generic[S]):
             return
         self.generation += 1
         self.polling.resume(self.loop.now())
-        self._sending = True
+        self.operation.begin(self.network.health.failures)
         self._set_status(NodeStatus.ONLINE, Cause(f"operational, configuration {self.generation}"))
 
     def _prepare(self) -> None:
@@ -485,7 +481,7 @@ class NodeClient(abc.ABC, Generic[S]):
         # answered, its state is unknown: a node that was in operation still gets its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         device_type = self.sdo.read_urgently(DEVICE_TYPE)
-        self._sending = self._stopped = False
+        self._end_operation()
         self._booted.clear()  # a boot-up before this answer is the expected one
         self._set_status(NodeStatus.CONFIGURING, Cause("checking identity"))
         self._identify(device_type)
@@ -503,12 +499,11 @@ class NodeClient(abc.ABC, Generic[S]):
         if plan.needs_sync and self._may_have(SYNC_COUNTER):
             self.sdo.stop_sync_counter()
         self._configure(plan)
-        for slot in self._slots:
+        for slot in self.operation.slots:
             self.network.subscribe_pdo(slot.cob_id, self._receiver(slot))
         for _ in self.polling.objects:
             self._poll()
         self.heartbeat.begin(self.settings.heartbeat_ms)
-        self._started = self.loop.now()
         self._nmt(NmtCommand.START)
 
     def _read_known(self) -> KnownDevice:
@@ -550,7 +545,6 @@ class NodeClient(abc.ABC, Generic[S]):
     def _configure_pdos(self) -> PdoPlan:
         """Plan the PDOs and map them."""
         found = {index: cob_id for index in self.sdo.dictionary if (cob_id := self.sdo.cob_id_of(index)) is not None}
-        self._unsubscribe_pdos()
         settings, mapping = self.settings, self._mapping
         mapping.survey(self._read_capabilities(), found)
         plan = self._make_plan(mapping.findings)
@@ -596,22 +590,12 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _use_plan(self, plan: PdoPlan) -> None:
         settings = self.settings
-        self._old_length_errors = self.length_errors
-        self._slots = [
-            TpdoSlot(item.pdo, self._image, item.cob_id, watched=item.pace is not Pace.CHANGE) for item in plan.tpdos
-        ]
-        for slot, item in zip(self._slots, plan.tpdos, strict=True):
-            slot.second = SecondTpdos(self.sdo.doubles, str(slot.pdo)) if item.pace is Pace.SYNC else None
+        self.operation = planned(plan, settings, self._image, self.sdo.doubles)
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
         self.polling.begin(plan.read, self.loop.now())
         # A client that reads a long object must not delay what the owner commands and reads by SDO.
         self.sdo.longest_upload_ns = self._sdo_timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
-        self._timeout_ns = settings.tpdo_limit_ns
-        if plan.needs_sync:
-            syncs = max((item.type for item in plan.tpdos if item.pace is Pace.SYNC), default=EVERY_SYNC)
-            cycles = max(settings.tpdo_timeout_factor, _MISSED * syncs)
-            self._timeout_ns = max(self._timeout_ns, cycles * settings.cycle_ms * MS)
         self.network.require_sync(settings.node_id, required=plan.needs_sync)
         if plan != self.plan:
             self.plan = plan
@@ -623,16 +607,16 @@ class NodeClient(abc.ABC, Generic[S]):
         """Whether the node has restarted during the bring-up, or its layout has changed."""
         return self._booted.is_set() or self._reconfigure
 
-    def _await(self, limit: int, find: Callable[[], CanopenError | None]) -> None:
-        """Until nothing is missing; raises what is after this time."""
+    def _await(self, started: int, limit: int, find: Callable[[], CanopenError | None]) -> None:
+        """Until nothing is missing; raises what is after this time. ``started``: when NMT start was sent."""
         deadline = self.loop.now() + limit
         while (missing := find()) is not None and not self._interrupted:
             if self.loop.now() > deadline:
-                raise self._not_started() or missing
+                raise self._not_started(started) or missing
             self.loop.sleep(_RECHECK_NS)
 
     def _missing_tpdos(self) -> CanopenError | None:
-        missing = [str(slot.pdo) for slot in self._slots if slot.data is None and slot.watched]
+        missing = self.operation.missing()
         if not missing:
             return None
         never_came = "" if self.settings.sync else "set sync = true for TPDOs that are sent on SYNC only"
@@ -643,8 +627,8 @@ class NodeClient(abc.ABC, Generic[S]):
             _TPDO if self.generation else never_came,
         )
 
-    def _not_started(self) -> CanopenError | None:
-        """What the node shows after NMT start that explains a missing TPDO or heartbeat; None: nothing."""
+    def _not_started(self, started: int) -> CanopenError | None:
+        """What the node shows since NMT start that explains a missing TPDO or heartbeat; None: nothing."""
         node, state = f"node {self.settings.node_id}", self.heartbeat.state
         if state not in (NmtState.BOOT_UP, NmtState.OPERATIONAL):
             error, register = "", 0
@@ -654,11 +638,11 @@ class NodeClient(abc.ABC, Generic[S]):
                 error = f", error register 1001h = {register:02X}h ({error_register_text(register)})"
             return self.kind.error_type(
                 f"NMT state of {node} after NMT start",
-                f"{NmtState.text(state)}{self._after_emcy(self._started)}{error}",
+                f"{NmtState.text(state)}{self._after_emcy(started)}{error}",
                 "Operational",
                 "remove the errors of the device, then restart the node (P972, or power off and on)",
             )
-        for slot in self._slots:
+        for slot in self.operation.slots:
             if slot.data is None and slot.short is not None:
                 return self.kind.error_type(
                     f"{slot.pdo} of {node}",
@@ -688,7 +672,6 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
-        self._bus_failures = self.network.health.failures
         if self.unconfirmed:  # another tool wrote during the bring-up
             self.loss = Loss.OTHER_TOOL
             self._lose(Cause(self.unconfirmed, _TOOL))
@@ -711,7 +694,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _compare_positions(self) -> None:
         """Those of two devices contradict each other."""
         attribute, turn = self._position
-        for slot in self._slots:
+        for slot in self.operation.slots:
             if turn and attribute in slot.pdo.attributes:
                 slot.jumps = Jumps(self.sdo.doubles, slot.pdo, attribute, turn)
 
@@ -773,7 +756,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _left(self, now: int) -> Cause:
         """Why the heartbeat shows another state than Operational."""
         state = NmtState.text(self.heartbeat.state)
-        if self._stopped:
+        if self.operation.stopped:
             self.loss = Loss.OWN_STOP
             return Cause(f"{state}: the gateway has stopped it (NMT)")
         if (other := self._by_other_master()) is not None:
@@ -798,9 +781,9 @@ class NodeClient(abc.ABC, Generic[S]):
             return self._by_other_master() or Cause(f"node {self.settings.node_id} restarted")
         if self.sdo.doubles.proof:
             return Cause.of(self.sdo.two_devices())
-        heartbeat = self.heartbeat
-        overdue = [slot for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
-        lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, self._slots)
+        heartbeat, operation = self.heartbeat, self.operation
+        overdue = operation.overdue(now)
+        lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, operation.slots)
         quiet = self.settings.heartbeat_ms * MS
         if (overdue or lost) and heartbeat.expected and now - self.received_ns > quiet:
             return Cause("silent: neither heartbeats nor TPDOs")
@@ -809,8 +792,8 @@ class NodeClient(abc.ABC, Generic[S]):
         if heartbeat.expected and heartbeat.state != NmtState.OPERATIONAL:
             return self._left(now)
         if overdue:
-            beats = heartbeat.time > min(slot.time for slot in overdue) + self._timeout_ns // 2
-            missing = f"no {', '.join(str(slot.pdo) for slot in overdue)} for {self._timeout_ns // MS} ms"
+            beats = heartbeat.time > min(slot.time for slot in overdue) + operation.timeout_ns // 2
+            missing = f"no {', '.join(str(slot.pdo) for slot in overdue)} for {operation.timeout_ns // MS} ms"
             return Cause(f"{missing} while its heartbeats arrive", _TPDO) if beats else Cause(missing)
         if self.polling.objects and (unread := self._check_ages(now)):
             return Cause(unread)
@@ -822,7 +805,7 @@ class NodeClient(abc.ABC, Generic[S]):
     @property
     def bus_failed(self) -> bool:
         """The bus failed while the node was online, even if it has recovered since: what was sent meanwhile may be lost."""
-        return self.network.health.failures != self._bus_failures or not self.network.healthy
+        return self.network.health.failures != self.operation.bus_failures or not self.network.healthy
 
     def _give_up(self) -> None:
         """The owner stops the device meanwhile; a node that does not answer is stopped by NMT."""

@@ -149,14 +149,14 @@ class DriveClient(NodeClient[DriveSettings]):
         senders without a stop. While data of the command is not in the drive, a rising bit 4 (new setpoint) is delayed; the
         other bits are sent.
         """
-        if self._sending and not self.rpdos.send(command, now, stop=stop):
+        if self.operation.sends and not self.rpdos.send(command, now, stop=stop):
             self.network.wait(self, stop=stop)
 
     def send_waiting(self) -> bool:
         """Send the newest command. False if the interface is full."""
         rpdos = self.rpdos
         command = rpdos.command
-        if command is None or not self._sending:
+        if command is None or not self.operation.sends:
             return True
         rpdos.has_turn = True
         self.send(command, self.loop.now())
@@ -338,11 +338,11 @@ class DriveClient(NodeClient[DriveSettings]):
         self._positions_by_sync = period_us > 0 and all(
             entry.attribute != "target_velocity" for entry in self.rpdos.entries
         )
-        self._tpdos.begin(self._slots)
+        self._tpdos.begin(self.operation.slots)
         self.polled_speed = self.polling.find("velocity_actual")
         self.polled_position = self.polling.find("position_actual")
         self.polls = self.polled_speed is not None or self.polled_position is not None
-        self.units.begin(self._slots)
+        self.units.begin(self.operation.slots)
         self._position = ("position_actual", int(drive.scaling.counts_per_revolution or 0))
         if period_us:
             self.sdo.do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period_us, "SYNC period", optional=True))
@@ -378,8 +378,9 @@ class DriveClient(NodeClient[DriveSettings]):
             self.sdo.write(index, subindex, data)
             self.own_values.discard((index, subindex))
             return
-        restores, sends = index == RESTORE_PARAMETERS, self._sending
-        self._sending = sends and not restores and self.rpdos.pause(self.own_values)
+        restores, operation = index == RESTORE_PARAMETERS, self.operation
+        sends = operation.sends
+        operation.sends = sends and not restores and self.rpdos.pause(self.own_values)
         try:
             if restores:
                 self.sdo.write(index, subindex, data)
@@ -389,7 +390,7 @@ class DriveClient(NodeClient[DriveSettings]):
                 self.sdo.write(index, subindex, data)
         finally:
             # Without RPDOs until the next start, which follows a restore: it reads what the drive has then.
-            self._sending = sends and not (self._reconfigure or restores)
+            operation.sends = sends and not (self._reconfigure or restores)
             self.rpdos.repeat()
 
     def write_back(self) -> None:
@@ -397,7 +398,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
         What fails is kept for the next process.
         """
-        self._sending = False
+        self.operation.sends = False
         state = state_of(self.sdo.read_number(*STATUSWORD))
         if state in UNPOWERED:
             self.own_values.write_back()
@@ -473,6 +474,6 @@ class DriveClient(NodeClient[DriveSettings]):
         if self.units.watch.changed or self._may_correct:
             self._read_units()
         if self._may_check_tpdos(now):
-            self._tpdos.check(now, self._timeout_ns)
+            self._tpdos.check(now, self.operation.timeout_ns)
         if not self.sdo.awaits_answer:
             self._send_question(now)

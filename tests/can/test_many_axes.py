@@ -61,7 +61,7 @@ class Axes:
             client = DriveClient(self.network, DriveSettings(node_id), layout, lambda _: None)
             plan = straight_plan(layout, node_id, available)
             client.rpdos.use_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
-            client._sending = True
+            client.operation.sends = True
             self.clients.append(client)
 
     def send(self, node_id: int, word: int, speed: int, *, stop: bool = False) -> None:

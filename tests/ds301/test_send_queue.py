@@ -63,7 +63,7 @@ class Axes:
             plan = self.plans[node_id] = straight_plan(layout, node_id, available)
             client = DriveClient(self.network, DriveSettings(node_id), layout, lambda _: None)
             client.rpdos.use_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
-            client._sending = True
+            client.operation.sends = True
             self.clients[node_id] = client
 
     @property

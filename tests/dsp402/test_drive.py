@@ -224,7 +224,7 @@ def test_last_sign_of_a_drive_includes_heartbeats(plant: Plant) -> None:
     client = plant.connected()
     drive.do(lambda node: node.receive(NMT, bytes((NmtCommand.STOP, NODE)), node.now))
     site.wait_for(lambda: client.heartbeat.stopped, "a heartbeat, and no TPDO any more")
-    assert client.received_ns > max(slot.time for slot in client._slots)
+    assert client.received_ns > max(slot.time for slot in client.operation.slots)
 
 
 def test_emergencies_are_passed_on_with_their_code(plant: Plant) -> None:
@@ -252,7 +252,7 @@ def test_a_short_tpdo_is_counted_and_ignored(plant: Plant) -> None:
     client = plant.connected()
     client.refresh(0)
     before = client.feedback.statusword
-    slot = client._slots[0]
+    slot = client.operation.slots[0]
     slot.receive(b"\x37", 1)
     client.refresh(0)
     assert client.feedback.statusword == before

@@ -363,7 +363,7 @@ def test_progress_of_the_configuration_names_object_and_number(plant: Plant) -> 
 
 def test_a_short_tpdo_is_not_a_sign_of_life(plant: Plant) -> None:
     client = plant.connected()
-    slot = client._slots[0]
+    slot = client.operation.slots[0]
     seen = slot.time
     slot.receive(b"\x37", seen + 1000 * MS)
     assert slot.time < seen + 1000 * MS

@@ -242,6 +242,6 @@ def test_encoder_on_sync_is_fresh_between_its_tpdos(habit: Habit, turns: bool, p
         assert client.refresh(site.now())
     assert client.generation == 1
     site.pass_time(161 * MS)
-    assert not client.refresh(site.now()) or not any(slot.watched for slot in client._slots), (
+    assert not client.refresh(site.now()) or not any(slot.watched for slot in client.operation.slots), (
         "without SYNC it is overdue"
     )

@@ -263,7 +263,7 @@ def test_two_positions_of_a_node_that_is_suspected_stop_the_axis(distance: int, 
     """Noise, and a position that wraps by whole revolutions, are no second position. The second device answers no SDO."""
     with operating(configuration(axis(1, telegram_number=3))) as (daemon, plc):
         client, second = daemon.axes[0].drive, _second(daemon)
-        slot = next(slot for slot in client._slots if "position_actual" in slot.pdo.attributes)
+        slot = next(slot for slot in client.operation.slots if "position_actual" in slot.pdo.attributes)
         offset = slot.pdo.struct.size - 4 if slot.pdo.attributes[-1] == "position_actual" else 0
 
         def moved(data: bytes) -> bytes:

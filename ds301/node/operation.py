@@ -1,0 +1,60 @@
+"""What a node does by one plan of its PDOs: a record that is made with the plan, and dropped at the next bring-up.
+
+Whatever belongs to one operation is here, so nothing of it has to be set back when another one begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from pdgw.base.durations import MS
+from pdgw.ds301.configuration import EVERY_SYNC
+from pdgw.ds301.node.doubles import Doubles, SecondTpdos
+from pdgw.ds301.node.node import NodeSettings, TpdoSlot
+from pdgw.ds301.node.plan import Pace, PdoPlan
+
+_MISSED: Final = 4
+"""So often may a TPDO be missed that does not come with each SYNC."""
+
+
+class Operation:
+    """One operation of a node. Without TPDOs: that of a node that was not mapped yet."""
+
+    def __init__(self, slots: Sequence[TpdoSlot] = (), timeout_ns: int = 0) -> None:
+        self.slots = slots
+        """The newest data of each TPDO."""
+        self.timeout_ns = timeout_ns
+        """Longest time between two frames of a TPDO whose silence is a loss."""
+        self.sends = False
+        """The node takes RPDOs: from the end of the bring-up, also after a loss, until it answers again."""
+        self.stopped = False
+        """Its owner has stopped it by NMT."""
+        self.bus_failures = 0
+        """Failures of the bus before the node came online."""
+
+    def begin(self, bus_failures: int) -> None:
+        """The node is online."""
+        self.sends = True
+        self.bus_failures = bus_failures
+
+    def missing(self) -> list[str]:
+        """The TPDOs that have not come yet."""
+        return [str(slot.pdo) for slot in self.slots if slot.data is None and slot.watched]
+
+    def overdue(self, now: int) -> list[TpdoSlot]:
+        """The TPDOs that have not come in time."""
+        return [slot for slot in self.slots if slot.watched and now - slot.time > self.timeout_ns]
+
+
+def planned(plan: PdoPlan, settings: NodeSettings, image: object, doubles: Doubles) -> Operation:
+    """The operation by a plan. ``image`` takes the values of the TPDOs."""
+    slots = [TpdoSlot(item.pdo, image, item.cob_id, watched=item.pace is not Pace.CHANGE) for item in plan.tpdos]
+    for slot, item in zip(slots, plan.tpdos, strict=True):
+        slot.second = SecondTpdos(doubles, str(slot.pdo)) if item.pace is Pace.SYNC else None
+    timeout_ns = settings.tpdo_limit_ns
+    if plan.needs_sync:
+        syncs = max((item.type for item in plan.tpdos if item.pace is Pace.SYNC), default=EVERY_SYNC)
+        cycles = max(settings.tpdo_timeout_factor, _MISSED * syncs)
+        timeout_ns = max(timeout_ns, cycles * settings.cycle_ms * MS)
+    return Operation(slots, timeout_ns)
