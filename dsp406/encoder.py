@@ -21,7 +21,7 @@ from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.node.client import FAILURES, SHORTEST_EMCY, NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
-from pdgw.ds301.node.node import Cause, NodeNotice, NodeSettings, Notice
+from pdgw.ds301.node.node import Cause, Lost, NodeNotice, NodeSettings, Notice
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.node.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.ds301.objects import CanType
@@ -177,10 +177,10 @@ class EncoderClient(NodeClient[EncoderSettings]):
             self._diagnosed = now
             self._read_diagnostics()
 
-    def _lost(self, now: int) -> Cause | None:
+    def _lost(self, now: int) -> Lost | None:
         if self._unread < FAILURES:
             return super()._lost(now)
-        return super()._lost(now) or Cause(f"alarms and warnings could not be read {self._unread} times")
+        return super()._lost(now) or Lost(Cause(f"alarms and warnings could not be read {self._unread} times"))
 
     def _has_work(self, now: int) -> bool:
         return self._diagnosis_due(now) or super()._has_work(now)

@@ -45,7 +45,7 @@ from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.device_values import DeviceConfiguration, ValueWriter
 from pdgw.ds301.node.doubles import Jumps
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
-from pdgw.ds301.node.node import Cause, Loss, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
+from pdgw.ds301.node.node import Cause, Loss, Lost, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
 from pdgw.ds301.node.operation import Operation, planned
 from pdgw.ds301.node.plan import PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
@@ -348,8 +348,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """Another master has changed what the gateway relies on: the node is lost, and configured again."""
         self.unconfirmed = text
         if self.status is _ONLINE:
-            self.loss = Loss.OTHER_TOOL
-            self._lose(Cause(text, _TOOL))
+            self._lose(Lost(Cause(text, _TOOL), Loss.OTHER_TOOL))
 
     def distrust_write(self, index: int, subindex: int) -> None:
         """Another tool writes an object that the gateway relies on."""
@@ -673,8 +672,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
         if self.unconfirmed:  # another tool wrote during the bring-up
-            self.loss = Loss.OTHER_TOOL
-            self._lose(Cause(self.unconfirmed, _TOOL))
+            self._lose(Lost(Cause(self.unconfirmed, _TOOL), Loss.OTHER_TOOL))
         self.network.watch(self._monitor)
         try:
             self._work()
@@ -700,13 +698,23 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _watch(self, now: int) -> None:
         """Lose a node that must not be trusted any more. One that a job holds is not used anyway."""
-        if self.status is _ONLINE and not self.unconfirmed and (lost := self._lost(now)) is not None:
-            self._lose(lost)
+        if self.status is _ONLINE and not self.unconfirmed:
+            if self.polling.objects:
+                self._forget_old(now)
+            if (lost := self._lost(now)) is not None:
+                self._lose(lost)
 
-    def _lose(self, cause: Cause) -> None:
+    def _forget_old(self, now: int) -> None:
+        """Objects that are read by SDO and old have an unknown value."""
+        for item in self.polling.objects:
+            if now > item.until_ns and (name := item.entry.attribute) in self.unknown:
+                setattr(self._image, name, self.unknown[name])
+
+    def _lose(self, lost: Lost) -> None:
         """The cyclic side uses the node no longer. Its task, whose access ends, only has to repair."""
         self.network.drop_waiting()
-        self._set_status(NodeStatus.LOST, cause)
+        self.loss = lost.by
+        self._set_status(NodeStatus.LOST, lost.cause)
         self.sdo.interrupt()
         self._wake.set()
 
@@ -753,54 +761,52 @@ class NodeClient(abc.ABC, Generic[S]):
                 if self.status is _ONLINE and failure != (failure := str(error)):  # log it once until it changes
                     self._notify(Notice.PROGRESS, f"object without PDO: {failure}")
 
-    def _left(self, now: int) -> Cause:
+    def _left(self, now: int) -> Lost:
         """Why the heartbeat shows another state than Operational."""
         state = NmtState.text(self.heartbeat.state)
         if self.operation.stopped:
-            self.loss = Loss.OWN_STOP
-            return Cause(f"{state}: the gateway has stopped it (NMT)")
+            return Lost(Cause(f"{state}: the gateway has stopped it (NMT)"), Loss.OWN_STOP)
         if (other := self._by_other_master()) is not None:
-            return other._replace(evidence=f"{state}: {other.evidence}")
-        return Cause(f"{state}: it has left Operational by itself{self._after_emcy(now - SECOND)}", _DEVICE)
+            return other._replace(cause=other.cause._replace(evidence=f"{state}: {other.cause.evidence}"))
+        return Lost(Cause(f"{state}: it has left Operational by itself{self._after_emcy(now - SECOND)}", _DEVICE))
 
     def _after_emcy(self, since: int) -> str:
         text, time = self._emcy
         return f" after {text}" if time > since else ""
 
-    def _by_other_master(self) -> Cause | None:
-        """The NMT command with which another master took the node out of Operational; else None."""
+    def _by_other_master(self) -> Lost | None:
+        """That another master took the node out of Operational by an NMT command; None if none did."""
         if not (command := self.heartbeat.foreign):
             return None
-        self.loss = Loss.OTHER_MASTER
-        return Cause(f"another master has sent NMT command {command:02X}h", _MASTER)
+        return Lost(Cause(f"another master has sent NMT command {command:02X}h", _MASTER), Loss.OTHER_MASTER)
 
-    def _lost(self, now: int) -> Cause | None:
-        """Why an online node is lost; None if it is not."""
-        self.loss = None
+    def _lost(self, now: int) -> Lost | None:
+        """Why and by whom an online node is lost; None if it is not."""
         if self._booted.is_set():
-            return self._by_other_master() or Cause(f"node {self.settings.node_id} restarted")
+            return self._by_other_master() or Lost(Cause(f"node {self.settings.node_id} restarted"))
         if self.sdo.doubles.proof:
-            return Cause.of(self.sdo.two_devices())
+            return Lost(Cause.of(self.sdo.two_devices()))
         heartbeat, operation = self.heartbeat, self.operation
         overdue = operation.overdue(now)
         lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, operation.slots)
         quiet = self.settings.heartbeat_ms * MS
         if (overdue or lost) and heartbeat.expected and now - self.received_ns > quiet:
-            return Cause("silent: neither heartbeats nor TPDOs")
+            return Lost(Cause("silent: neither heartbeats nor TPDOs"))
         if lost:
-            return lost
+            return Lost(lost)
         if heartbeat.expected and heartbeat.state != NmtState.OPERATIONAL:
             return self._left(now)
         if overdue:
             beats = heartbeat.time > min(slot.time for slot in overdue) + operation.timeout_ns // 2
             missing = f"no {', '.join(str(slot.pdo) for slot in overdue)} for {operation.timeout_ns // MS} ms"
-            return Cause(f"{missing} while its heartbeats arrive", _TPDO) if beats else Cause(missing)
-        if self.polling.objects and (unread := self._check_ages(now)):
-            return Cause(unread)
+            return Lost(Cause(f"{missing} while its heartbeats arrive", _TPDO) if beats else Cause(missing))
+        unread_ns = FAILURES * (POLL_NS + self._sdo_timeout_ns)
+        if self.polling.objects and (unread := self.polling.unread(FAILURES, unread_ns, now)):
+            return Lost(Cause(unread))
         if not self.bus_failed:
             return None
         outage = self.network.last_outage
-        return Cause(f"bus {self.network.name}: {outage.value}", outage.remedy)
+        return Lost(Cause(f"bus {self.network.name}: {outage.value}", outage.remedy))
 
     @property
     def bus_failed(self) -> bool:
@@ -814,13 +820,6 @@ class NodeClient(abc.ABC, Generic[S]):
             return
         if self.heartbeat.time == seen:
             self._nmt(NmtCommand.STOP)
-
-    def _check_ages(self, now: int) -> str:
-        """Old values are unknown. Returns why they are so old that the node is lost; empty if it is not."""
-        for item in self.polling.objects:
-            if now > item.until_ns and (name := item.entry.attribute) in self.unknown:
-                setattr(self._image, name, self.unknown[name])
-        return self.polling.unread(FAILURES, FAILURES * (POLL_NS + self._sdo_timeout_ns), now)
 
     def _exchange_acyclic(self, now: int) -> None:
         """Read the next object for which the node has no PDO, when it is due."""
@@ -846,8 +845,8 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.heartbeat.receive(data, now):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
-                cause = self._by_other_master() or Cause("boot-up message")
-                self._notify(Notice.BOOT, cause.evidence, self.loss, cause.remedy)
+                lost = self._by_other_master() or Lost(Cause("boot-up message"))
+                self._notify(Notice.BOOT, lost.cause.evidence, lost.by, lost.cause.remedy)
         if self.heartbeat.in_row == OFTEN:
             period = f"{self.heartbeat.gap // MS} ms, 1017h is {self.settings.heartbeat_ms}"
             self._notify(Notice.PROGRESS, f"heartbeat comes every {period}")

@@ -55,6 +55,13 @@ class Loss(enum.Enum):
     OTHER_TOOL = "SDO write of another tool"
 
 
+class Lost(NamedTuple):
+    """Why a node that was online is lost, and by whom. ``by`` None: by the node itself, or by its bus."""
+
+    cause: Cause
+    by: Loss | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class NodeSettings:
     """Choices for one node; times in milliseconds."""

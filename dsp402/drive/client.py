@@ -31,7 +31,7 @@ from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
-from pdgw.ds301.node.node import Cause, NodeNotice, NodeStatus, Notice
+from pdgw.ds301.node.node import Cause, Lost, NodeNotice, NodeStatus, Notice
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.node.polling import PolledObject
@@ -456,11 +456,11 @@ class DriveClient(NodeClient[DriveSettings]):
     def _send_question(self, now: int) -> bool:
         return super()._send_question(now) or self.units.check(now, operates=self._operates, moves=self._moves)
 
-    def _lost(self, now: int) -> Cause | None:
+    def _lost(self, now: int) -> Lost | None:
         if (lost := super()._lost(now)) is not None:
             return lost
         wrong = self._mode.wrong or self._tpdos.dropped
-        return Cause(wrong) if wrong else None
+        return Lost(Cause(wrong)) if wrong else None
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""
