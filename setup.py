@@ -30,6 +30,7 @@ COMPILED = (
     "ds301/node/heartbeat.py",
     "ds301/node/configuring.py",
     "ds301/node/doubles.py",
+    "ds301/node/emergencies.py",
     "ds301/node/node.py",
     "ds301/node/operation.py",
     "ds301/node/sdo.py",

@@ -19,8 +19,9 @@ from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.emcy import emcy_text
-from pdgw.ds301.node.client import FAILURES, SHORTEST_EMCY, NodeClient
+from pdgw.ds301.node.client import FAILURES, NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
+from pdgw.ds301.node.emergencies import SHORTEST_EMCY
 from pdgw.ds301.node.node import Cause, Lost, NodeNotice, NodeSettings, Notice
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.node.planner import Findings, found_in_data_sheet, plan_pdos
@@ -68,6 +69,10 @@ def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     return dictionary
 
 
+def _text_of(code: int) -> str:
+    return ENCODER_EMCY.get(code) or emcy_text(code)
+
+
 class EncoderSheet:
     """The PDOs of an encoder by its data sheet. Dsp406Error for a data sheet or for channels that cannot be used."""
 
@@ -107,7 +112,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self._unread = 0
         """So often in a row alarms and warnings could not be read."""
         self._sheet = sheet = EncoderSheet(settings)
-        super().__init__(network, settings, sheet.layout, sheet.dictionary, self.feedback.image, on_event)
+        super().__init__(network, settings, sheet.layout, sheet.dictionary, self.feedback.image, on_event, _text_of)
+        self.emergencies.on_frame = self._on_emergency
 
     def has_speed(self, channel: int) -> bool:
         """The encoder sends the speed of a channel (6030h); otherwise ``speed`` in the feedback stays 0."""
@@ -198,12 +204,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 
-    def _emcy_text(self, code: int) -> str:
-        return ENCODER_EMCY.get(code) or emcy_text(code)
-
-    def _on_emcy(self, data: bytes, now: int) -> None:
+    def _on_emergency(self, data: bytes) -> None:
         if len(data) >= SHORTEST_EMCY:
             self.feedback.error_code = int.from_bytes(data[:2], "little")
             self.feedback.error_register = data[2]
         self._diagnose = True
-        super()._on_emcy(data, now)

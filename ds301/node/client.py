@@ -25,7 +25,6 @@ from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.bus.network import UNUSED, CanNetwork, PdoCallback
 from pdgw.ds301.communication import (
     DEVICE_TYPE,
-    EMCY,
     EMCY_COB_ID,
     ERROR_CONTROL,
     ERROR_REGISTER,
@@ -44,6 +43,7 @@ from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.device_values import DeviceConfiguration, ValueWriter
 from pdgw.ds301.node.doubles import Jumps
+from pdgw.ds301.node.emergencies import Emergencies
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import Cause, Loss, Lost, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
 from pdgw.ds301.node.operation import Operation, planned
@@ -83,8 +83,6 @@ _TOOL: Final = "disconnect the other tool, or have it only read"
 _DEVICE: Final = "check the device: its error behaviour 1029h, and the cause of its EMCY"
 _CHECKED: Final = "another tool wrote to its configuration"
 _NOT_STARTED: Final = "not started"
-SHORTEST_EMCY: Final = 3
-"""Bytes of an EMCY of a device that sends only error code and error register."""
 _ONLINE: Final = NodeStatus.ONLINE
 _NOTICES: Final = {
     NodeStatus.OFFLINE: Notice.ABSENT,
@@ -110,6 +108,7 @@ class NodeClient(abc.ABC, Generic[S]):
         dictionary: canopen.ObjectDictionary,
         image: object,
         on_event: Callable[[NodeNotice], None],
+        emergency_text: Callable[[int], str] = emcy_text,
     ) -> None:
         self.loop = network.loop
         self.network = network
@@ -145,8 +144,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self.heartbeat = Heartbeat(network, settings.node_id, self.sdo.doubles)
         self._position = ("", 0)
         """Attribute of the images with the position, and position units of one revolution; 0: unknown."""
-        self._moved_emcy = 0
-        """COB-ID of its EMCY if 1014h has another one than usual, else 0."""
+        self.emergencies = Emergencies(network, settings.node_id, emergency_text, on_event)
         self._expected_accesses = 0
         self._slow = 0
         """The time for SDO answers of a node that was found to need more than configured."""
@@ -160,8 +158,6 @@ class NodeClient(abc.ABC, Generic[S]):
         """It sends SYNC after its boot-up (1005h bit 30), until it is configured."""
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
-        self._emcy = ("", 0)
-        """Text and time of its last EMCY; the end of errors replaces an error after a second."""
         self.unconfirmed = ""
         """Why the cyclic side must not use an online node: what the gateway relies on was written, or a job writes it now.
         Empty: it may."""
@@ -171,7 +167,6 @@ class NodeClient(abc.ABC, Generic[S]):
         self._task: Task | None = None
         self._receivers: list[tuple[int, Callable[[bytes, int], None]]] = [
             (NMT, self.heartbeat.commanded),
-            (EMCY + settings.node_id, self._on_emcy),
             (ERROR_CONTROL + settings.node_id, self._on_heartbeat),
             (SDO_REQUEST + settings.node_id, self._on_other_request),
         ]
@@ -211,9 +206,6 @@ class NodeClient(abc.ABC, Generic[S]):
     @abc.abstractmethod
     def _make_plan(self, findings: Findings) -> PdoPlan:
         """Assign the objects of the layout to the PDOs of the node."""
-
-    def _emcy_text(self, code: int) -> str:
-        return emcy_text(code)
 
     # -- the owner's side -----------------------------------------------------------------------------------------------
 
@@ -261,6 +253,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def start(self) -> None:
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
         self.sdo.open()
+        self.emergencies.open()
         for cob_id, take in self._receivers:
             self.network.subscribe(cob_id, take)
         self._task = self.loop.spawn(self._run, f"{self.kind.name} {self.settings.node_id}")
@@ -291,10 +284,9 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._task is not None:
             self._task = None
             self.sdo.close()
+            self.emergencies.close()
             for cob_id, take in self._receivers:
                 self.network.unsubscribe(cob_id, take)
-            if self._moved_emcy:
-                self.network.unsubscribe(self._moved_emcy, self._on_emcy)
 
     def reconfigure(self, layout: PdoLayout, settings: S) -> None:
         """Map other PDOs with other settings; the device must not be in operation."""
@@ -489,7 +481,8 @@ class NodeClient(abc.ABC, Generic[S]):
             self._notify(
                 Notice.PROGRESS, "1005h bit 30 cleared: the node has sent SYNC, which the gateway sends on this bus"
             )
-        self._find_emcy()
+        if self._may_have(EMCY_COB_ID):
+            self.emergencies.find(self.sdo)
         values = self.settings.values
         self._expected_accesses = self.sdo.accesses + len(values.items) + _CONFIGURATION
         self.configuration.bring_up(values, self._read_known(), self._value_writer)
@@ -509,21 +502,6 @@ class NodeClient(abc.ABC, Generic[S]):
         """The device that is there, without its revision."""
         vendor_id, product_code, serial_number = (self.sdo.read_optional(IDENTITY, subindex) for subindex in (1, 2, 4))
         return KnownDevice(vendor_id, product_code, serial_number=serial_number)
-
-    def _find_emcy(self) -> None:
-        """Also take the EMCY from the COB-ID in 1014h, unless other frames have it."""
-        cob_id, network = 0, self.network
-        if self._may_have(EMCY_COB_ID):
-            with suppress(SdoAbortedError):
-                cob_id = self.sdo.read_number(EMCY_COB_ID)
-        if cob_id == self._moved_emcy:
-            return
-        if self._moved_emcy:
-            network.unsubscribe(self._moved_emcy, self._on_emcy)
-        moved = EMCY < cob_id <= STANDARD_ID and not network.is_subscribed(cob_id)
-        self._moved_emcy = cob_id if moved else 0
-        if moved:
-            network.subscribe(cob_id, self._on_emcy)
 
     def _may_have(self, index: int) -> bool:
         """Whether the data sheet has an object; the built-in ones do not have everything."""
@@ -637,7 +615,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 error = f", error register 1001h = {register:02X}h ({error_register_text(register)})"
             return self.kind.error_type(
                 f"NMT state of {node} after NMT start",
-                f"{NmtState.text(state)}{self._after_emcy(started)}{error}",
+                f"{NmtState.text(state)}{self.emergencies.after(started)}{error}",
                 "Operational",
                 "remove the errors of the device, then restart the node (P972, or power off and on)",
             )
@@ -768,11 +746,7 @@ class NodeClient(abc.ABC, Generic[S]):
             return Lost(Cause(f"{state}: the gateway has stopped it (NMT)"), Loss.OWN_STOP)
         if (other := self._by_other_master()) is not None:
             return other._replace(cause=other.cause._replace(evidence=f"{state}: {other.cause.evidence}"))
-        return Lost(Cause(f"{state}: it has left Operational by itself{self._after_emcy(now - SECOND)}", _DEVICE))
-
-    def _after_emcy(self, since: int) -> str:
-        text, time = self._emcy
-        return f" after {text}" if time > since else ""
+        return Lost(Cause(f"{state}: it has left Operational by itself{self.emergencies.after(now - SECOND)}", _DEVICE))
 
     def _by_other_master(self) -> Lost | None:
         """That another master took the node out of Operational by an NMT command; None if none did."""
@@ -854,12 +828,3 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _on_other_request(self, data: bytes, _now: int) -> None:
         self.sdo.doubles.requested(data)
-
-    def _on_emcy(self, data: bytes, now: int) -> None:
-        if len(data) < SHORTEST_EMCY:
-            return
-        code = int.from_bytes(data[:2], "little")
-        text = f"EMCY {code:04X}h {self._emcy_text(code)}"
-        if code or not self._after_emcy(now - SECOND):
-            self._emcy = text, now
-        self.on_event(NodeNotice(Notice.EMERGENCY, text, now, code, data[2], data[3:]))
