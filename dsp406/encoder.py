@@ -151,7 +151,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
             if variable(self.sdo.dictionary, index, subindex) is not None
         }
         self.parameters = parameters = EncoderParameters(**values)
-        self._position = ("position", 0 if parameters.position_step else parameters.units_per_turn)
+        self.operation.position = ("position", 0 if parameters.position_step else parameters.units_per_turn)
         return parameters
 
     def _read_capabilities(self) -> PdoCapabilities:

@@ -312,6 +312,11 @@ class Event:
     def is_set(self) -> bool:
         return self._set
 
+    @property
+    def awaited(self) -> bool:
+        """A task waits for it."""
+        return bool(self._waiting)
+
     def set(self) -> None:
         self._set = True
         for task in self._waiting:

@@ -42,7 +42,6 @@ from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.device_values import DeviceConfiguration, ValueWriter
-from pdgw.ds301.node.doubles import Jumps
 from pdgw.ds301.node.emergencies import Emergencies
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import Cause, Loss, Lost, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
@@ -63,7 +62,6 @@ S = TypeVar("S", bound=NodeSettings)
 
 
 _RETRY_ABSENT_NS: Final = 500 * MS
-_LONGEST_SDO_NS: Final = 4 * SECOND
 _RETRY_REFUSED_NS: Final = 5 * SECOND
 _RECHECK_NS: Final = 5 * MS
 _FIRST_SIGN_NS: Final = SECOND
@@ -136,26 +134,16 @@ class NodeClient(abc.ABC, Generic[S]):
         """Why the node was rejected, also during the next attempt to configure it."""
         self.generation = 0
         """Counts completed configurations, so that the owner sees each restart exactly once."""
-        self._old_length_errors = 0
         self.operation = Operation()
         """What it does by the plan."""
         self.polling = Polling()
         """The objects that are read by SDO."""
         self.heartbeat = Heartbeat(network, settings.node_id, self.sdo.doubles)
-        self._position = ("", 0)
-        """Attribute of the images with the position, and position units of one revolution; 0: unknown."""
         self.emergencies = Emergencies(network, settings.node_id, emergency_text, on_event)
-        self._expected_accesses = 0
-        self._slow = 0
-        """The time for SDO answers of a node that was found to need more than configured."""
         self._booted = Event(self.loop)
         self._wake = Event(self.loop)
         """Something for the node's task: a job, a loss, another layout."""
-        self._idle = False
-        """The task waits for something to do, and has no access."""
         self._reconfigure = False
-        self.had_sync = False
-        """It sends SYNC after its boot-up (1005h bit 30), until it is configured."""
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
         self.unconfirmed = ""
@@ -185,7 +173,7 @@ class NodeClient(abc.ABC, Generic[S]):
             lambda: self.sdo.doubles.early,
         )
         add(part, "sdo_aborts", "answers", "nodes that reject an access by SDO", lambda: self.sdo.aborts)
-        self._apply_times()
+        self.sdo.set_timeout(settings.sdo_timeout_ms * MS, slow=False)
 
     # -- the device profile's part --------------------------------------------------------------------------------
 
@@ -212,7 +200,7 @@ class NodeClient(abc.ABC, Generic[S]):
     @property
     def length_errors(self) -> int:
         """TPDOs shorter than their mapping, ignored."""
-        return self._old_length_errors + sum(slot.errors for slot in self.operation.slots)
+        return self.operation.length_errors
 
     @property
     def is_first_request(self) -> bool:
@@ -229,9 +217,12 @@ class NodeClient(abc.ABC, Generic[S]):
         """How far the configuration of the node is; empty if it is not configured now."""
         if self.status is not NodeStatus.CONFIGURING or not self.sdo.patient:
             return ""
-        done = self.sdo.accesses
-        slow = f"; answers take more than {self.settings.sdo_timeout_ms} ms: set sdo_timeout_ms" if self._slow else ""
-        return f"object {self.sdo.asked:04X}h, {done} of about {max(done, self._expected_accesses)}{slow}"
+        slow = (
+            f"; answers take more than {self.settings.sdo_timeout_ms} ms: set sdo_timeout_ms"
+            if self.sdo.slow_ns
+            else ""
+        )
+        return self.sdo.progress + slow
 
     @property
     def received_ns(self) -> int:
@@ -293,7 +284,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self.operation.sends = False
         self.layout = layout
         self.settings = settings
-        self._apply_times()
+        self.sdo.set_timeout(settings.sdo_timeout_ms * MS, slow=False)
         self._reconfigure = True
         self._wake.set()
         self._booted.set()  # do not wait for the next attempt of a rejected node
@@ -346,17 +337,11 @@ class NodeClient(abc.ABC, Generic[S]):
         """Another tool writes an object that the gateway relies on."""
         self.distrust(f"another tool writes {index:04X}h/{subindex}")
 
-    def _apply_times(self) -> None:
-        settings = self.settings
-        self._sdo_timeout_ns = max(settings.sdo_timeout_ms * MS, self._slow)
-        self.sdo.set_timeout(self._sdo_timeout_ns, slow=self._slow > 0)
-
     def _end_operation(self) -> None:
         """What the node does by its plan is no longer used."""
-        self._old_length_errors = self.length_errors
         for slot in self.operation.slots:
             self.network.unsubscribe_pdo(slot.cob_id)
-        self.operation = Operation()
+        self.operation = Operation(length_errors=self.operation.length_errors)
 
     def _run(self) -> None:
         try:
@@ -413,12 +398,9 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.status is not NodeStatus.LOST:
             self._set_status(NodeStatus.OFFLINE, Cause(text))
         self._wait(_RETRY_ABSENT_NS)
-        if self.sdo.answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
-            self._slow = 2 * self._sdo_timeout_ns
-            self._apply_times()
-            self._notify(
-                Notice.PROGRESS, f"answers SDO late: the timeout is now {self._slow // MS} ms; set sdo_timeout_ms"
-            )
+        if self.sdo.double_timeout():
+            timeout = f"the timeout is now {self.sdo.timeout_ns // MS} ms; set sdo_timeout_ms"
+            self._notify(Notice.PROGRESS, f"answers SDO late: {timeout}")
 
     def _refuse(self, cause: Cause) -> None:
         self._set_status(NodeStatus.REFUSED, cause)
@@ -440,7 +422,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _bring_up(self) -> None:
         self.sdo.accesses, self.sdo.patient = 0, True
-        self._expected_accesses = _DISCOVERY + _CONFIGURATION
+        self.sdo.expected = _DISCOVERY + _CONFIGURATION
         try:
             with self.network.bring_ups:
                 self._prepare()
@@ -477,14 +459,13 @@ class NodeClient(abc.ABC, Generic[S]):
         self._set_status(NodeStatus.CONFIGURING, Cause("checking identity"))
         self._identify(device_type)
         if self.network.makes_sync and self._may_have(SYNC_COB_ID) and self.sdo.stop_sync_producer():
-            self.had_sync = True
             self._notify(
                 Notice.PROGRESS, "1005h bit 30 cleared: the node has sent SYNC, which the gateway sends on this bus"
             )
         if self._may_have(EMCY_COB_ID):
             self.emergencies.find(self.sdo)
         values = self.settings.values
-        self._expected_accesses = self.sdo.accesses + len(values.items) + _CONFIGURATION
+        self.sdo.expected = self.sdo.accesses + len(values.items) + _CONFIGURATION
         self.configuration.bring_up(values, self._read_known(), self._value_writer)
         self._set_status(NodeStatus.CONFIGURING, Cause("mapping PDOs"))
         plan = self._configure_pdos()
@@ -567,12 +548,12 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _use_plan(self, plan: PdoPlan) -> None:
         settings = self.settings
-        self.operation = planned(plan, settings, self._image, self.sdo.doubles)
+        self.operation = planned(plan, settings, self._image, self.sdo.doubles, self.length_errors)
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
         self.polling.begin(plan.read, self.loop.now())
         # A client that reads a long object must not delay what the owner commands and reads by SDO.
-        self.sdo.longest_upload_ns = self._sdo_timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
+        self.sdo.longest_upload_ns = self.sdo.timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
         self.network.require_sync(settings.node_id, required=plan.needs_sync)
         if plan != self.plan:
             self.plan = plan
@@ -660,19 +641,12 @@ class NodeClient(abc.ABC, Generic[S]):
     def _monitor(self, now: int) -> None:
         """Every 20 ms, outside the task, which costs more: it is woken when there is something for it."""
         if self.sdo.doubles.begins(now):
-            self._compare_positions()
+            self.operation.compare_positions(self.sdo.doubles)
         self._watch(now)
         if self.status is not _ONLINE or self._has_work(now):
             self._wake.set()
-        elif self._idle and not self.sdo.awaits_answer:
+        elif self._wake.awaited and not self.sdo.awaits_answer:
             self._send_question(now)
-
-    def _compare_positions(self) -> None:
-        """Those of two devices contradict each other."""
-        attribute, turn = self._position
-        for slot in self.operation.slots:
-            if turn and attribute in slot.pdo.attributes:
-                slot.jumps = Jumps(self.sdo.doubles, slot.pdo, attribute, turn)
 
     def _watch(self, now: int) -> None:
         """Lose a node that must not be trusted any more. One that a job holds is not used anyway."""
@@ -712,9 +686,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _work(self) -> None:
         failure = ""
         while True:
-            self._idle = True
             self._wake.wait()
-            self._idle = False
             self._wake.clear()
             if self._jobs:
                 self._jobs.run_next()
@@ -774,7 +746,7 @@ class NodeClient(abc.ABC, Generic[S]):
             beats = heartbeat.time > min(slot.time for slot in overdue) + operation.timeout_ns // 2
             missing = f"no {', '.join(str(slot.pdo) for slot in overdue)} for {operation.timeout_ns // MS} ms"
             return Lost(Cause(f"{missing} while its heartbeats arrive", _TPDO) if beats else Cause(missing))
-        unread_ns = FAILURES * (POLL_NS + self._sdo_timeout_ns)
+        unread_ns = FAILURES * (POLL_NS + self.sdo.timeout_ns)
         if self.polling.objects and (unread := self.polling.unread(FAILURES, unread_ns, now)):
             return Lost(Cause(unread))
         if not self.bus_failed:

@@ -42,6 +42,15 @@ class ConfiguringAccess(SdoAccess):
     ) -> None:
         super().__init__(network, node_id, dictionary, kind.error_type)
         self.kind = kind
+        self.expected = 0
+        """Number of accesses that the present bring-up probably needs."""
+        self.had_sync = False
+        """The node sends SYNC after its boot-up (1005h bit 30), until it is configured."""
+
+    @property
+    def progress(self) -> str:
+        """How far the present bring-up is."""
+        return f"object {self.asked:04X}h, {self.accesses} of about {max(self.accesses, self.expected)}"
 
     def check_identity(self, device_type: int, device: tuple[int, int] = (0, 0), sheet: Cause = _SHEET) -> None:
         """Compare device type (1000h), vendor and product with profile and EDS; the package's error names a difference.
@@ -159,6 +168,7 @@ class ConfiguringAccess(SdoAccess):
         if not cob_id & SYNC_PRODUCER:
             return False
         self.write_checked(SdoStep(SYNC_COB_ID, 0, CanType.U32, cob_id & ~SYNC_PRODUCER, "SYNC producer, 1005h bit 30"))
+        self.had_sync = True
         return True
 
     def stop_sync_counter(self) -> None:

@@ -10,7 +10,7 @@ from typing import Final
 
 from pdgw.base.durations import MS
 from pdgw.ds301.configuration import EVERY_SYNC
-from pdgw.ds301.node.doubles import Doubles, SecondTpdos
+from pdgw.ds301.node.doubles import Doubles, Jumps, SecondTpdos
 from pdgw.ds301.node.node import NodeSettings, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan
 
@@ -21,7 +21,9 @@ _MISSED: Final = 4
 class Operation:
     """One operation of a node. Without TPDOs: that of a node that was not mapped yet."""
 
-    def __init__(self, slots: Sequence[TpdoSlot] = (), timeout_ns: int = 0) -> None:
+    def __init__(self, slots: Sequence[TpdoSlot] = (), timeout_ns: int = 0, length_errors: int = 0) -> None:
+        self._length_errors = length_errors
+        """TPDOs of earlier operations that were shorter than their mapping."""
         self.slots = slots
         """The newest data of each TPDO."""
         self.timeout_ns = timeout_ns
@@ -32,6 +34,13 @@ class Operation:
         """Its owner has stopped it by NMT."""
         self.bus_failures = 0
         """Failures of the bus before the node came online."""
+        self.position = ("", 0)
+        """Attribute of the image with the position, and position units of one revolution; 0: unknown."""
+
+    @property
+    def length_errors(self) -> int:
+        """TPDOs of this and of earlier operations that were shorter than their mapping, and ignored."""
+        return self._length_errors + sum(slot.errors for slot in self.slots)
 
     def begin(self, bus_failures: int) -> None:
         """The node is online."""
@@ -46,9 +55,16 @@ class Operation:
         """The TPDOs that have not come in time."""
         return [slot for slot in self.slots if slot.watched and now - slot.time > self.timeout_ns]
 
+    def compare_positions(self, doubles: Doubles) -> None:
+        """Begin to look for positions that contradict each other: two devices send them."""
+        attribute, turn = self.position
+        for slot in self.slots:
+            if turn and attribute in slot.pdo.attributes:
+                slot.jumps = Jumps(doubles, slot.pdo, attribute, turn)
 
-def planned(plan: PdoPlan, settings: NodeSettings, image: object, doubles: Doubles) -> Operation:
-    """The operation by a plan. ``image`` takes the values of the TPDOs."""
+
+def planned(plan: PdoPlan, settings: NodeSettings, image: object, doubles: Doubles, length_errors: int) -> Operation:
+    """The operation by a plan. ``image`` takes the values of the TPDOs; ``length_errors`` are those of earlier operations."""
     slots = [TpdoSlot(item.pdo, image, item.cob_id, watched=item.pace is not Pace.CHANGE) for item in plan.tpdos]
     for slot, item in zip(slots, plan.tpdos, strict=True):
         slot.second = SecondTpdos(doubles, str(slot.pdo)) if item.pace is Pace.SYNC else None
@@ -57,4 +73,4 @@ def planned(plan: PdoPlan, settings: NodeSettings, image: object, doubles: Doubl
         syncs = max((item.type for item in plan.tpdos if item.pace is Pace.SYNC), default=EVERY_SYNC)
         cycles = max(settings.tpdo_timeout_factor, _MISSED * syncs)
         timeout_ns = max(timeout_ns, cycles * settings.cycle_ms * MS)
-    return Operation(slots, timeout_ns)
+    return Operation(slots, timeout_ns, length_errors)

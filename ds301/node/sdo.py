@@ -28,6 +28,8 @@ T = TypeVar("T")
 _LONGEST_UPLOAD: Final = 1 << 16
 LONGEST_UPLOAD_NS: Final = 10 * SECOND
 _TIMEOUT_NS: Final = 300 * MS
+_LONGEST_TIMEOUT_NS: Final = 4 * SECOND
+"""A node that answers late gets no more time than twice this."""
 _REPEATS: Final = 2
 """A request without an answer is sent again so often."""
 _REPEAT_AFTER: Final = 10
@@ -55,8 +57,10 @@ class SdoAccess:
         self._node_id = node_id
         self.doubles = Doubles()
         """Whether two devices have its node-ID."""
-        self._timeout = _TIMEOUT_NS
-        """For each answer, in nanoseconds."""
+        self.timeout_ns = _TIMEOUT_NS
+        """For each answer."""
+        self.slow_ns = 0
+        """The timeout of a node that was found to need more than it is given; 0: it does not."""
         self._repeats = _REPEATS
         self.patient = False
         """Repeat accesses without an answer: nothing has to be monitored meanwhile."""
@@ -109,9 +113,17 @@ class SdoAccess:
         self.doubles.begin()
 
     def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
-        """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
-        self._timeout = nanoseconds
-        self._repeats = 0 if slow else _REPEATS
+        """Set the timeout of each answer, at least ``slow_ns``. ``slow``: the node needs it, so no request is repeated."""
+        self.timeout_ns = max(nanoseconds, self.slow_ns)
+        self._repeats = 0 if slow or self.slow_ns else _REPEATS
+
+    def double_timeout(self) -> bool:
+        """Double the timeout if the answer to the last request came late; False if it did not, or the timeout is long enough."""
+        if not self.answers_late or self.timeout_ns >= _LONGEST_TIMEOUT_NS:
+            return False
+        self.slow_ns = 2 * self.timeout_ns
+        self.set_timeout(self.slow_ns, slow=True)
+        return True
 
     # -- accesses of a task -----------------------------------------------------------------------------------------
 
@@ -140,7 +152,7 @@ class SdoAccess:
         """A request was sent that may be answered when another one is sent."""
         now = self.loop.now()
         self._open = self._open + 1 if now < self._open_until else 1
-        self._open_until = now + self._timeout
+        self._open_until = now + self.timeout_ns
 
     def _read(self, index: int, subindex: int) -> bytes:
         self._begin_access()
@@ -156,7 +168,7 @@ class SdoAccess:
         return self._upload(index, subindex)
 
     def _upload(self, index: int, subindex: int, *, by_blocks: bool = False) -> bytes:
-        timeout, limit = self._timeout, self.longest_upload_ns
+        timeout, limit = self.timeout_ns, self.longest_upload_ns
         upload = Upload(index, subindex, timeout, by_blocks=by_blocks, limit=_LONGEST_UPLOAD, limit_ns=limit)
         self._run(upload)
         return self._value(upload)
@@ -174,7 +186,7 @@ class SdoAccess:
         other data, the object is read back.
         """
         self._begin_access()
-        download = Download(index, subindex, data, self._timeout)
+        download = Download(index, subindex, data, self.timeout_ns)
         if not 1 <= len(data) <= EXPEDITED_SIZE:
             self._run(download)
             return
@@ -197,7 +209,7 @@ class SdoAccess:
 
         ValueError if only frames other than SDO arrived.
         """
-        upload = Upload(index, subindex, self._timeout)
+        upload = Upload(index, subindex, self.timeout_ns)
         try:
             self._run(upload, self._repeats)
         except SdoAbortedError as error:
@@ -213,7 +225,7 @@ class SdoAccess:
 
         A lost frame costs a tenth of the time for answers. The object takes the value twice then.
         """
-        self._run(Download(index, subindex, data, self._timeout), self._repeats, first=True)
+        self._run(Download(index, subindex, data, self.timeout_ns), self._repeats, first=True)
 
     def _begin_access(self) -> None:
         """Begin an access. A second answer to a repeated request, or that to a question, must not count as its answer.
@@ -234,12 +246,12 @@ class SdoAccess:
         """Carry out a transfer. Its request is sent again ``repeats`` times; ``first``: before all that waits for the bus."""
         loop = self.loop
         self._begin(transfer, first=first)
-        again = loop.now() + self._timeout // _REPEAT_AFTER
+        again = loop.now() + self.timeout_ns // _REPEAT_AFTER
         while not transfer.ended:
             now = loop.now()
             if repeats and now >= again:
                 repeats -= 1
-                again = now + self._timeout // _REPEAT_AFTER
+                again = now + self.timeout_ns // _REPEAT_AFTER
                 self._expect_answer()
                 self._send([transfer.request], first=first)
             self._send(transfer.check(now))
@@ -296,7 +308,7 @@ class SdoAccess:
 
     def ask(self, index: int, subindex: int, then: Callable[[Upload], None]) -> None:
         """Request an object without waiting, while no task has an access. ``then`` is called with the answer."""
-        upload = Upload(index, subindex, self._timeout)
+        upload = Upload(index, subindex, self.timeout_ns)
         self._begin(upload)
         self._expect_answer()
         self._then = lambda: then(upload)

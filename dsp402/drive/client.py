@@ -334,7 +334,7 @@ class DriveClient(NodeClient[DriveSettings]):
         period_us = settings.sync_period_us
         assert drive is not None
         # With SYNC the drive expects a new setpoint each time.
-        self.rpdos.use_plan(plan, self._sdo_timeout_ns, 0 if period_us else settings.rpdo_refresh_ms * MS)
+        self.rpdos.use_plan(plan, self.sdo.timeout_ns, 0 if period_us else settings.rpdo_refresh_ms * MS)
         self._positions_by_sync = period_us > 0 and all(
             entry.attribute != "target_velocity" for entry in self.rpdos.entries
         )
@@ -343,7 +343,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.polled_position = self.polling.find("position_actual")
         self.polls = self.polled_speed is not None or self.polled_position is not None
         self.units.begin(self.operation.slots)
-        self._position = ("position_actual", int(drive.scaling.counts_per_revolution or 0))
+        self.operation.position = ("position_actual", int(drive.scaling.counts_per_revolution or 0))
         if period_us:
             self.sdo.do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period_us, "SYNC period", optional=True))
         self._configure_guarding(drive)

@@ -125,7 +125,7 @@ class SyncOfNodes:
 
             def decide() -> None:
                 self._pending = False
-                if not any(client.had_sync for client in suspects):
+                if not any(client.sdo.had_sync for client in suspects):
                     else_()
 
             self._network.loop.call_at(max(suspects.values()) + _SYNC_AFTER_BOOT_NS, decide)
