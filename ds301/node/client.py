@@ -45,7 +45,7 @@ from pdgw.ds301.node.device_values import DeviceConfiguration, ValueWriter
 from pdgw.ds301.node.emergencies import Emergencies
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import Cause, Loss, Lost, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
-from pdgw.ds301.node.operation import Operation, planned
+from pdgw.ds301.node.operation import NEVER, Operation, Unconfirmed, planned
 from pdgw.ds301.node.plan import PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
 from pdgw.ds301.node.polling import POLL_NS, Polling
@@ -68,7 +68,6 @@ _FIRST_SIGN_NS: Final = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 FAILURES: Final = 3
 """So often in a row may an object not be read before the node is lost."""
-_NEVER: Final = 1 << 62
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
 _DISCOVERY: Final = 200
@@ -146,11 +145,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._reconfigure = False
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
-        self.unconfirmed = ""
-        """Why the cyclic side must not use an online node: what the gateway relies on was written, or a job writes it now.
-        Empty: it may."""
-        self._check_at = _NEVER
-        """When the node is brought up again because its configuration was written to."""
+        self._unconfirmed: Unconfirmed | None = None
+        """Why the cyclic side must not use an online node; None: it may."""
         self._jobs = Jobs()
         self._task: Task | None = None
         self._receivers: list[tuple[int, Callable[[bytes, int], None]]] = [
@@ -211,6 +207,11 @@ class NodeClient(abc.ABC, Generic[S]):
     def status_text(self) -> str:
         """Why it has its status."""
         return self.cause.text
+
+    @property
+    def unconfirmed(self) -> str:
+        """Why the cyclic side must not use an online node. Empty: it may."""
+        return "" if self._unconfirmed is None else self._unconfirmed.text
 
     @property
     def progress(self) -> str:
@@ -296,7 +297,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
         A loss changes ``status`` at once (``_lose``), although the task may wait for an answer.
         """
-        fresh = self.status is _ONLINE and not self.unconfirmed
+        fresh = self.status is _ONLINE and self._unconfirmed is None
         operation = self.operation
         oldest = now - operation.timeout_ns
         for slot in operation.slots:
@@ -315,21 +316,23 @@ class NodeClient(abc.ABC, Generic[S]):
         """In a job: what the gateway relies on is about to change; ``text`` says how. To the cyclic side the node is not online
         until ``unhold``. A node that is silent meanwhile, as while it stores parameters, is not lost.
         """
-        self.unconfirmed = text
+        self._unconfirmed = Unconfirmed(text, self._check_at)
 
     def unhold(self, *, check: bool) -> None:
         """In a job: the end of ``hold``. ``check``: the node is brought up again first, when no more was written for a moment."""
         now = self.loop.now()
-        if check:
-            self.unconfirmed = _CHECKED
-            self._check_at = now + _CHECK_AFTER_NS
-        else:
-            self.unconfirmed = ""
-            self._watch(now)
+        check_at = now + _CHECK_AFTER_NS if check else self._check_at
+        self._unconfirmed = Unconfirmed(_CHECKED, check_at) if check_at != NEVER else None
+        self._watch(now)
+
+    @property
+    def _check_at(self) -> int:
+        """When the node is brought up again because its configuration was written to."""
+        return NEVER if self._unconfirmed is None else self._unconfirmed.check_at
 
     def distrust(self, text: str) -> None:
         """Another master has changed what the gateway relies on: the node is lost, and configured again."""
-        self.unconfirmed = text
+        self._unconfirmed = Unconfirmed(text)
         if self.status is _ONLINE:
             self._lose(Lost(Cause(text, _TOOL), Loss.OTHER_TOOL))
 
@@ -447,8 +450,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """Find the node, make it safe, configure and start it."""
         self._booted.clear()
         self._reconfigure = False
-        self._check_at = _NEVER
-        self.unconfirmed = ""
+        self._unconfirmed = None
         self.sdo.resume()
         # A stopped node answers no SDO before this command; a running one may stop by its abort option. Until it has
         # answered, its state is unknown: a node that was in operation still gets its stop.
@@ -630,8 +632,8 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
-        if self.unconfirmed:  # another tool wrote during the bring-up
-            self._lose(Lost(Cause(self.unconfirmed, _TOOL), Loss.OTHER_TOOL))
+        if self._unconfirmed is not None:  # another tool wrote during the bring-up
+            self._lose(Lost(Cause(self._unconfirmed.text, _TOOL), Loss.OTHER_TOOL))
         self.network.watch(self._monitor)
         try:
             self._work()
@@ -650,7 +652,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _watch(self, now: int) -> None:
         """Lose a node that must not be trusted any more. One that a job holds is not used anyway."""
-        if self.status is _ONLINE and not self.unconfirmed:
+        if self.status is _ONLINE and self._unconfirmed is None:
             if self.polling.objects:
                 self._forget_old(now)
             if (lost := self._lost(now)) is not None:

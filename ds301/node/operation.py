@@ -6,7 +6,7 @@ Whatever belongs to one operation is here, so nothing of it has to be set back w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from pdgw.base.durations import MS
 from pdgw.ds301.configuration import EVERY_SYNC
@@ -14,8 +14,18 @@ from pdgw.ds301.node.doubles import Doubles, Jumps, SecondTpdos
 from pdgw.ds301.node.node import NodeSettings, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan
 
+NEVER: Final = 1 << 62
+"""A time that never comes."""
 _MISSED: Final = 4
 """So often may a TPDO be missed that does not come with each SYNC."""
+
+
+class Unconfirmed(NamedTuple):
+    """Why the cyclic side must not use a node although it is online: what the gateway relies on was written, or is now."""
+
+    text: str
+    check_at: int = NEVER
+    """When the node is brought up again because of it."""
 
 
 class Operation:

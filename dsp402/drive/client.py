@@ -32,6 +32,7 @@ from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import Cause, Lost, NodeNotice, NodeStatus, Notice
+from pdgw.ds301.node.operation import Unconfirmed
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.node.polling import PolledObject
@@ -468,7 +469,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._mode.check(now)
         super()._exchange_acyclic(now)
         if self._values_due:
-            self.unconfirmed, self._check_at = "gets the values of its files", now
+            self._unconfirmed = Unconfirmed("gets the values of its files", now)
             self._wake.set()
             return
         if self.units.watch.changed or self._may_correct:

@@ -77,3 +77,21 @@ def test_write_of_another_master_begins_the_bring_up_again_also_during_it(plant:
     client.distrust("another tool writes 1017h/0")
     assert (client.refresh(site.now()), client.status) == (False, NodeStatus.LOST)
     plant.online(3)
+
+
+def test_check_after_a_write_is_not_forgotten_after_another_write(plant: Plant) -> None:
+    """The second object needs no check; the node is not used before that of the first one."""
+    plant.power_on()
+    client = plant.connected()
+
+    def write_twice(node: DriveClient) -> None:
+        for check in (True, False):
+            node.hold("a client writes")
+            node.unhold(check=check)
+
+    site.result(client.submit(write_twice))
+    used: list[bool] = []
+    site.wait_for(lambda: client.generation == 2 or used.append(client.refresh(site.now())), "brought up again")
+    assert used
+    assert not any(used)
+    assert "configuring: another tool wrote to its configuration" in [event.text for event in plant.events]
