@@ -14,20 +14,20 @@ import canopen
 from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
+from pdgw.ds301.communication import DEVICE_TYPE, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.emcy import emcy_text
-from pdgw.ds301.node.client import FAILURES, NodeClient
+from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
-from pdgw.ds301.node.emergencies import SHORTEST_EMCY
-from pdgw.ds301.node.node import Cause, Lost, NodeNotice, NodeSettings, Notice
+from pdgw.ds301.node.node import NodeNotice, NodeSettings, Notice
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.node.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import PdoCapabilities
 from pdgw.dsp406.device import eds_path
+from pdgw.dsp406.diagnosis import Diagnosis
 from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.images import (
     PARAMETER_OBJECTS,
@@ -38,15 +38,11 @@ from pdgw.dsp406.images import (
 )
 from pdgw.dsp406.kinds import ENCODER_PROFILE, ROTARY, Dsp406Error, EncoderDevice
 from pdgw.dsp406.objects import (
-    ALARMS,
     CYCLIC_TIMER,
     POSITION,
     POSITION_MULTI_SENSOR,
-    WARNINGS,
 )
 from pdgw.dsp406.pdos import encoder_layout
-
-_DIAGNOSTICS = (("alarms", ALARMS), ("warnings", WARNINGS), ("error_register", ERROR_REGISTER))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,13 +103,11 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.feedback = EncoderFeedback(settings.channels)
         self.parameters: EncoderParameters | None = None
         """Read while configuring; None before."""
-        self._diagnosed = 0
-        self._diagnose = False
-        self._unread = 0
-        """So often in a row alarms and warnings could not be read."""
         self._sheet = sheet = EncoderSheet(settings)
         super().__init__(network, settings, sheet.layout, sheet.dictionary, self.feedback.image, on_event, _text_of)
-        self.emergencies.on_frame = self._on_emergency
+        self._diagnosis = Diagnosis(self.sdo, self.feedback, lambda: self.settings.diagnosis_ms * MS)
+        self.parts = (self._polled, self._diagnosis)
+        self.emergencies.on_frame = self._diagnosis.on_emergency
 
     def has_speed(self, channel: int) -> bool:
         """The encoder sends the speed of a channel (6030h); otherwise ``speed`` in the feedback stays 0."""
@@ -175,37 +169,4 @@ class EncoderClient(NodeClient[EncoderSettings]):
             self._notify(Notice.PROGRESS, f"no heartbeat: {text}")
         self.read_parameters()
         self.feedback.error_code = 0
-        self._read_diagnostics()
-
-    def _exchange_acyclic(self, now: int) -> None:
-        super()._exchange_acyclic(now)
-        if self._diagnosis_due(now):
-            self._diagnosed = now
-            self._read_diagnostics()
-
-    def _lost(self, now: int) -> Lost | None:
-        if self._unread < FAILURES:
-            return super()._lost(now)
-        return super()._lost(now) or Lost(Cause(f"alarms and warnings could not be read {self._unread} times"))
-
-    def _has_work(self, now: int) -> bool:
-        return self._diagnosis_due(now) or super()._has_work(now)
-
-    def _diagnosis_due(self, now: int) -> bool:
-        return self._diagnose or now - self._diagnosed >= self.settings.diagnosis_ms * MS
-
-    def _read_diagnostics(self) -> None:
-        self._diagnose = False
-        self._unread += 1
-        for name, index in _DIAGNOSTICS:
-            if index in self.sdo.dictionary:
-                setattr(self.feedback, name, self.sdo.require(index))
-        self._unread = 0
-
-    # -- frames of the node ---------------------------------------------------------------------------------------------
-
-    def _on_emergency(self, data: bytes) -> None:
-        if len(data) >= SHORTEST_EMCY:
-            self.feedback.error_code = int.from_bytes(data[:2], "little")
-            self.feedback.error_register = data[2]
-        self._diagnose = True
+        self._diagnosis.read()

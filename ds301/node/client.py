@@ -45,11 +45,11 @@ from pdgw.ds301.node.device_values import DeviceConfiguration, ValueWriter
 from pdgw.ds301.node.emergencies import Emergencies
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
 from pdgw.ds301.node.node import Cause, Loss, Lost, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
-from pdgw.ds301.node.operation import NEVER, Operation, Unconfirmed, planned
+from pdgw.ds301.node.operation import NEVER, Operation, Part, Unconfirmed, planned
 from pdgw.ds301.node.plan import PdoPlan, plan_steps
 from pdgw.ds301.node.planner import DeviceMapping, Findings
-from pdgw.ds301.node.polling import POLL_NS, Polling
-from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
+from pdgw.ds301.node.polled import PolledObjects
+from pdgw.ds301.node.polling import Polling
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, PdoReceiver, pdo_of
 from pdgw.ds301.values import KnownDevice
 
@@ -66,8 +66,6 @@ _RETRY_REFUSED_NS: Final = 5 * SECOND
 _RECHECK_NS: Final = 5 * MS
 _FIRST_SIGN_NS: Final = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
-FAILURES: Final = 3
-"""So often in a row may an object not be read before the node is lost."""
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
 _DISCOVERY: Final = 200
@@ -137,11 +135,16 @@ class NodeClient(abc.ABC, Generic[S]):
         """What it does by the plan."""
         self.polling = Polling()
         """The objects that are read by SDO."""
+        self._wake = Event(self.loop)
+        """Something for the node's task: a job, a loss, another layout."""
+        self._polled = PolledObjects(self.sdo, self.polling, image, self.unknown, self._wake.set)
+        self.parts: tuple[Part, ...] = (self._polled,)
+        """What is done beside the PDOs, in this order."""
+        self.question: Callable[[int], bool] = lambda _: False
+        """Begin to read an object without the task at this time, if it is due; False: it is not."""
         self.heartbeat = Heartbeat(network, settings.node_id, self.sdo.doubles)
         self.emergencies = Emergencies(network, settings.node_id, emergency_text, on_event)
         self._booted = Event(self.loop)
-        self._wake = Event(self.loop)
-        """Something for the node's task: a job, a loss, another layout."""
         self._reconfigure = False
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
@@ -443,7 +446,7 @@ class NodeClient(abc.ABC, Generic[S]):
             return
         self.generation += 1
         self.polling.resume(self.loop.now())
-        self.operation.begin(self.network.health.failures)
+        self.operation.begin(self.parts, self.network.health.failures)
         self._set_status(NodeStatus.ONLINE, Cause(f"operational, configuration {self.generation}"))
 
     def _prepare(self) -> None:
@@ -473,11 +476,12 @@ class NodeClient(abc.ABC, Generic[S]):
         plan = self._configure_pdos()
         if plan.needs_sync and self._may_have(SYNC_COUNTER):
             self.sdo.stop_sync_counter()
+        for part in self.parts:
+            part.configure(plan, self.operation)
         self._configure(plan)
         for slot in self.operation.slots:
             self.network.subscribe_pdo(slot.cob_id, self._receiver(slot))
-        for _ in self.polling.objects:
-            self._poll()
+        self._polled.read_all()
         self.heartbeat.begin(self.settings.heartbeat_ms)
         self._nmt(NmtCommand.START)
 
@@ -553,9 +557,6 @@ class NodeClient(abc.ABC, Generic[S]):
         self.operation = planned(plan, settings, self._image, self.sdo.doubles, self.length_errors)
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
-        self.polling.begin(plan.read, self.loop.now())
-        # A client that reads a long object must not delay what the owner commands and reads by SDO.
-        self.sdo.longest_upload_ns = self.sdo.timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
         self.network.require_sync(settings.node_id, required=plan.needs_sync)
         if plan != self.plan:
             self.plan = plan
@@ -645,24 +646,23 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.sdo.doubles.begins(now):
             self.operation.compare_positions(self.sdo.doubles)
         self._watch(now)
-        if self.status is not _ONLINE or self._has_work(now):
-            self._wake.set()
-        elif self._wake.awaited and not self.sdo.awaits_answer:
-            self._send_question(now)
+        if self.status is _ONLINE and now < self._check_at:
+            for part in self.operation.parts:
+                if part.due(now):
+                    break
+            else:
+                if self._wake.awaited and not self.sdo.awaits_answer:
+                    self._ask(now)
+                return
+        self._wake.set()
 
     def _watch(self, now: int) -> None:
         """Lose a node that must not be trusted any more. One that a job holds is not used anyway."""
         if self.status is _ONLINE and self._unconfirmed is None:
             if self.polling.objects:
-                self._forget_old(now)
+                self._polled.forget_old(now)
             if (lost := self._lost(now)) is not None:
                 self._lose(lost)
-
-    def _forget_old(self, now: int) -> None:
-        """Objects that are read by SDO and old have an unknown value."""
-        for item in self.polling.objects:
-            if now > item.until_ns and (name := item.entry.attribute) in self.unknown:
-                setattr(self._image, name, self.unknown[name])
 
     def _lose(self, lost: Lost) -> None:
         """The cyclic side uses the node no longer. Its task, whose access ends, only has to repair."""
@@ -672,18 +672,14 @@ class NodeClient(abc.ABC, Generic[S]):
         self.sdo.interrupt()
         self._wake.set()
 
-    def _has_work(self, now: int) -> bool:
-        """Whether the time has come for something of the task."""
-        return now >= self._check_at or now >= self.polling.due
-
-    def _send_question(self, now: int) -> bool:
-        """Begin to read an object without the task, which has no access now, nor a question. False: there is nothing to ask."""
+    def _ask(self, now: int) -> None:
+        """Begin to read an object without the task, which has no access now, nor a question."""
         sdo = self.sdo
-        if not sdo.doubles.questions:
-            return False
-        sdo.doubles.questions -= 1
-        sdo.ask(DEVICE_TYPE, 0, lambda _: None)
-        return True
+        if sdo.doubles.questions:
+            sdo.doubles.questions -= 1
+            sdo.ask(DEVICE_TYPE, 0, lambda _: None)
+        else:
+            self.question(now)
 
     def _work(self) -> None:
         failure = ""
@@ -707,7 +703,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 self._set_status(NodeStatus.CONFIGURING, Cause(self.unconfirmed))
                 return
             try:
-                self._exchange_acyclic(now)
+                self._work_parts(now)
                 failure = ""
             except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
                 if self.status is _ONLINE and failure != (failure := str(error)):  # log it once until it changes
@@ -748,13 +744,12 @@ class NodeClient(abc.ABC, Generic[S]):
             beats = heartbeat.time > min(slot.time for slot in overdue) + operation.timeout_ns // 2
             missing = f"no {', '.join(str(slot.pdo) for slot in overdue)} for {operation.timeout_ns // MS} ms"
             return Lost(Cause(f"{missing} while its heartbeats arrive", _TPDO) if beats else Cause(missing))
-        unread_ns = FAILURES * (POLL_NS + self.sdo.timeout_ns)
-        if self.polling.objects and (unread := self.polling.unread(FAILURES, unread_ns, now)):
+        if self.polling.objects and (unread := self._polled.unread(now)):
             return Lost(Cause(unread))
-        if not self.bus_failed:
-            return None
-        outage = self.network.last_outage
-        return Lost(Cause(f"bus {self.network.name}: {outage.value}", outage.remedy))
+        if self.bus_failed:
+            outage = self.network.last_outage
+            return Lost(Cause(f"bus {self.network.name}: {outage.value}", outage.remedy))
+        return Lost(Cause(operation.lost)) if operation.lost else None
 
     @property
     def bus_failed(self) -> bool:
@@ -769,23 +764,12 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.heartbeat.time == seen:
             self._nmt(NmtCommand.STOP)
 
-    def _exchange_acyclic(self, now: int) -> None:
-        """Read the next object for which the node has no PDO, when it is due."""
-        if now >= self.polling.due:
-            self._poll()
-            if now >= self.polling.due:
-                self._wake.set()
-
-    def _poll(self) -> None:
-        item = self.polling.next(self.loop.now())
-        entry, sdo = item.entry, self.sdo
-        try:
-            value = sdo.require(*entry.address, signed=entry.type.char.islower())
-        except SdoCommunicationError:
-            item.miss(sdo.begun_ns)
-            raise
-        setattr(self._image, entry.attribute, value)
-        self.polling.answered(item, sdo.begun_ns, self.loop.now())
+    def _work_parts(self, now: int) -> None:
+        for part in self.operation.parts:
+            if part.due(now):
+                part.work(now)
+        if not self.sdo.awaits_answer:
+            self._ask(now)
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 

@@ -1,11 +1,12 @@
 """What a node does by one plan of its PDOs: a record that is made with the plan, and dropped at the next bring-up.
 
-Whatever belongs to one operation is here, so nothing of it has to be set back when another one begins.
+Whatever belongs to one operation is here, so nothing of it has to be set back when another one begins. Beside the PDOs, the parts
+of its client read and write objects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 from pdgw.base.durations import MS
@@ -44,6 +45,10 @@ class Operation:
         """Its owner has stopped it by NMT."""
         self.bus_failures = 0
         """Failures of the bus before the node came online."""
+        self.parts: list[Part] = []
+        """What is done beside the PDOs, in this order."""
+        self.lost = ""
+        """Empty, or what a part has found: the node counts as lost."""
         self.position = ("", 0)
         """Attribute of the image with the position, and position units of one revolution; 0: unknown."""
 
@@ -52,8 +57,9 @@ class Operation:
         """TPDOs of this and of earlier operations that were shorter than their mapping, and ignored."""
         return self._length_errors + sum(slot.errors for slot in self.slots)
 
-    def begin(self, bus_failures: int) -> None:
+    def begin(self, parts: Iterable[Part], bus_failures: int) -> None:
         """The node is online."""
+        self.parts = [part for part in parts if part.has_work]
         self.sends = True
         self.bus_failures = bus_failures
 
@@ -71,6 +77,25 @@ class Operation:
         for slot in self.slots:
             if turn and attribute in slot.pdo.attributes:
                 slot.jumps = Jumps(doubles, slot.pdo, attribute, turn)
+
+
+class Part:
+    """One part of a client, beside the PDOs of its node. It may set ``lost`` of an operation."""
+
+    @property
+    def has_work(self) -> bool:
+        """Whether it may have work in the operation that begins now."""
+        return True
+
+    def configure(self, plan: PdoPlan, operation: Operation) -> None:
+        """The PDOs were mapped for another operation."""
+
+    def due(self, now: int) -> bool:
+        """Whether there is work now; asked every 20 ms while the node is online."""
+        return False
+
+    def work(self, now: int) -> None:
+        """Read and write objects, in the node's task."""
 
 
 def planned(plan: PdoPlan, settings: NodeSettings, image: object, doubles: Doubles, length_errors: int) -> Operation:

@@ -31,7 +31,7 @@ from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
-from pdgw.ds301.node.node import Cause, Lost, NodeNotice, NodeStatus, Notice
+from pdgw.ds301.node.node import NodeNotice, NodeStatus, Notice
 from pdgw.ds301.node.operation import Unconfirmed
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
@@ -45,6 +45,7 @@ from pdgw.dsp402.drive.images import UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive.left_overs import OFF, LeftOvers
 from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.drive.own_values import OwnValueKeeper
+from pdgw.dsp402.drive.power_off import PowerOff
 from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive.tpdo_check import TpdoCheck
@@ -66,7 +67,7 @@ from pdgw.dsp402.objects import (
     STATUSWORD,
 )
 from pdgw.dsp402.pdo.planner import plan_pdos
-from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, operates, state_of
+from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.dsp402.units.unit_watch import UnitWatch
 
@@ -114,18 +115,23 @@ class DriveClient(NodeClient[DriveSettings]):
         self._device = (0, 0)
         """and of the one that is there."""
         self._mode = ModeCheck(sdo, feedback, self._notify)
-        self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._notify)
+        self.rpdos = RpdoSender(
+            network, layout.rpdos[0], node_id, feedback, self._mode, sdo.write, self._wake.set, self._notify
+        )
         """Sends the parts of each command."""
         network.on_drop.append(self.rpdos.send_again)
-        self._tpdos = TpdoCheck(sdo, self._mapping)
-        self.units = UnitCheck(sdo, feedback, self._velocity_asked, self._units_changed)
+        self.units = UnitCheck(sdo, feedback, self.rpdos, self._velocity_asked, self._units_changed, self._read_units)
         """Reads its units, and its position if no TPDO contains it."""
+        self.question = self.units.ask
         self.own_values = OwnValueKeeper(self._read_if_present, sdo.write, self._notify)
         """The drive's values of limits and ramps that the gateway overwrites."""
         self.command = self.own_values.write
         self.write_for_client = self._write_for_client
         self._value_writer = self._drive_values = DriveValueWriter(sdo, self.own_values)
         self._left_overs = LeftOvers(sdo, self._notify)
+        power_off = PowerOff(self.configuration, self._left_overs, feedback, self._give_values, self._read_units)
+        tpdos = TpdoCheck(sdo, self._mapping, self.rpdos)
+        self.parts = (self.rpdos, self._mode, self._polled, power_off, self.units, tpdos)
         self.zeroed: frozenset[ObjectAddress] = frozenset()
         """Objects that stay 0, because the drive would add them to the setpoint."""
         self.polled_speed: PolledObject | None = None
@@ -134,8 +140,6 @@ class DriveClient(NodeClient[DriveSettings]):
         """and the position."""
         self.polls = False
         """One of them is."""
-        self._positions_by_sync = False
-        """The drive gets a position for each SYNC, no setpoint of its own."""
         self._is_off = False
         """The drive was without power when it was found."""
         self.needs_last_stop: Callable[[int], bool] = lambda velocity: False
@@ -334,16 +338,10 @@ class DriveClient(NodeClient[DriveSettings]):
         drive, settings = self.drive_type, self.settings
         period_us = settings.sync_period_us
         assert drive is not None
-        # With SYNC the drive expects a new setpoint each time.
         self.rpdos.use_plan(plan, self.sdo.timeout_ns, 0 if period_us else settings.rpdo_refresh_ms * MS)
-        self._positions_by_sync = period_us > 0 and all(
-            entry.attribute != "target_velocity" for entry in self.rpdos.entries
-        )
-        self._tpdos.begin(self.operation.slots)
         self.polled_speed = self.polling.find("velocity_actual")
         self.polled_position = self.polling.find("position_actual")
         self.polls = self.polled_speed is not None or self.polled_position is not None
-        self.units.begin(self.operation.slots)
         self.operation.position = ("position_actual", int(drive.scaling.counts_per_revolution or 0))
         if period_us:
             self.sdo.do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period_us, "SYNC period", optional=True))
@@ -424,57 +422,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.heartbeat.by_requests = guarding.life_guarding
         self.heartbeat.expected = guarding.heartbeat or guarding.life_guarding
 
-    @property
-    def _operates(self) -> bool:
-        """The drive is commanded to be in operation."""
-        command = self.rpdos.command
-        return command is not None and operates(command.controlword)
-
-    @property
-    def _moves(self) -> bool:
-        """The drive is commanded to move: by a setpoint, or by a position for each SYNC while it is in operation."""
-        return self.rpdos.motion_asked or (self._positions_by_sync and self._operates)
-
-    def _has_work(self, now: int) -> bool:
-        if self.rpdos.written or self._mode.awaited is not None or self._may_check_tpdos(now) or self._left_overs.waits:
-            return True
-        if self._values_due:
-            return True
-        return super()._has_work(now)
-
-    @property
-    def _may_correct(self) -> bool:
-        return self._left_overs.waits and state_of(self.feedback.statusword) in OFF
-
-    @property
-    def _values_due(self) -> bool:
-        """The drive had power, and gets the values of its files now."""
-        return self.configuration.waiting != "" and state_of(self.feedback.statusword) in OFF
-
-    def _may_check_tpdos(self, now: int) -> bool:
-        return self._tpdos.is_due(now) and self._operates
-
-    def _send_question(self, now: int) -> bool:
-        return super()._send_question(now) or self.units.check(now, operates=self._operates, moves=self._moves)
-
-    def _lost(self, now: int) -> Lost | None:
-        if (lost := super()._lost(now)) is not None:
-            return lost
-        wrong = self._mode.wrong or self._tpdos.dropped
-        return Lost(Cause(wrong)) if wrong else None
-
-    def _exchange_acyclic(self, now: int) -> None:
-        """Objects for which the drive has no PDO: written when they change, read every 100 ms."""
-        self.rpdos.write(self.sdo.write, now)
-        self._mode.check(now)
-        super()._exchange_acyclic(now)
-        if self._values_due:
-            self._unconfirmed = Unconfirmed("gets the values of its files", now)
-            self._wake.set()
-            return
-        if self.units.watch.changed or self._may_correct:
-            self._read_units()
-        if self._may_check_tpdos(now):
-            self._tpdos.check(now, self.operation.timeout_ns)
-        if not self.sdo.awaits_answer:
-            self._send_question(now)
+    def _give_values(self) -> None:
+        """The drive had power, and gets the values of its files now: it is brought up again."""
+        self._unconfirmed = Unconfirmed("gets the values of its files", self.loop.now())
+        self._wake.set()

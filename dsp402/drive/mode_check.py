@@ -9,6 +9,8 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.node.configuring import ConfiguringAccess
 from pdgw.ds301.node.node import Notice
+from pdgw.ds301.node.operation import Operation, Part
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import Dsp402Error
@@ -20,7 +22,7 @@ _SPEED_MODES: Final = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
 _NO_MODE: Final = 0
 
 
-class ModeCheck:
+class ModeCheck(Part):
     """Checks the mode of one drive. ``notify`` is called with an event of the node and its text."""
 
     def __init__(self, sdo: ConfiguringAccess, feedback: DriveFeedback, notify: Callable[[Notice, str], None]) -> None:
@@ -29,9 +31,15 @@ class ModeCheck:
         self._notify = notify
         self.awaited: int | None = None
         """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
-        self.wrong = ""
-        """Empty, or how 6061h shows another mode in operation: the drive counts as lost."""
+        self._operation = Operation()
         self._operating_since = -1
+
+    @property
+    def has_work(self) -> bool:
+        return self.awaited is not None
+
+    def configure(self, plan: PdoPlan, operation: Operation) -> None:
+        self._operation = operation
 
     def set(self, mode: int, *, late: bool, only: bool) -> None:
         """Write a mode and wait until 6061h shows it; Dsp402Error if it does not.
@@ -40,7 +48,7 @@ class ModeCheck:
         objects of this mode ``only`` needs neither 6060h nor 6061h (both are conditional in CiA 402).
         """
         sdo = self._sdo
-        self.awaited, self.wrong, self._operating_since = None, "", -1
+        self.awaited, self._operating_since = None, -1
         if only and not {MODE[0], MODE_DISPLAY[0]} & sdo.dictionary.keys():
             self._notify(
                 Notice.PROGRESS, f"without 6060h and 6061h: operated in its one mode, {mode} ({MODE_NAMES[Mode(mode)]})"
@@ -59,7 +67,10 @@ class ModeCheck:
                 raise Dsp402Error("6061h", shown, f"{mode} within {MODE_CONFIRM_NS / SECOND:g} s of 6060h")
             sdo.loop.sleep(10 * MS)
 
-    def check(self, now: int) -> None:
+    def due(self, now: int) -> bool:
+        return self.awaited is not None
+
+    def work(self, now: int) -> None:
         """In operation 6061h must show the mode that is awaited."""
         mode = self.awaited
         if mode is None:
@@ -73,4 +84,4 @@ class ModeCheck:
         if shown == mode:
             self.awaited = None
         elif now - self._operating_since > MODE_CONFIRM_NS:
-            self.wrong = f"6061h shows {shown} for {MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"
+            self._operation.lost = f"6061h shows {shown} for {MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"

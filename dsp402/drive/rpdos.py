@@ -1,7 +1,7 @@
 """The RPDOs of a drive: what is sent of each command, in which order, and what is written by SDO instead.
 
 The data RPDOs go before the Controlword. A setpoint starts nothing before its data is in the drive (docs/translation.md "PDO
-layouts"). Nothing here waits; ``write`` is called in the node's task.
+layouts"). Nothing here waits; ``work`` is called in the node's task.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from pdgw.base.durations import MS
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.node import Notice
+from pdgw.ds301.node.operation import Part
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE
-from pdgw.dsp402.states import ControlBit, FaultReset
+from pdgw.dsp402.states import ControlBit, FaultReset, operates
 
 _RETRY_VALUE_NS: Final = 1000 * MS
 """Time after which a failed SDO write is repeated."""
@@ -53,8 +54,9 @@ class _Values:
         self.error = ""
 
 
-class RpdoSender:
-    """The RPDOs of one drive. ``control``: the one with the Controlword; ``wake`` wakes the node's task."""
+class RpdoSender(Part):
+    """The RPDOs of one drive. ``control``: the one with the Controlword; ``write`` writes an object by SDO in the node's task,
+    and ``wake`` wakes it."""
 
     def __init__(
         self,
@@ -63,12 +65,14 @@ class RpdoSender:
         node_id: int,
         feedback: DriveFeedback,
         mode: ModeCheck,
+        write: Callable[[int, int, bytes], None],
         wake: Callable[[], None],
         notify: Callable[[Notice, str], None],
     ) -> None:
         self._network = network
         self._feedback = feedback
         self._mode = mode
+        self._write = write
         self._wake = wake
         self._notify = notify
         self.control = _Sender(control, control.cob_id(node_id))
@@ -91,6 +95,8 @@ class RpdoSender:
         """All of them during a pause."""
         self._starts_early = False
         """The Controlword is not the last object of its RPDO: the drive may process it before the data after it."""
+        self._positions_by_sync = False
+        """The drive gets a position for each SYNC, no setpoint of its own."""
         self._data_by_sync = False
         """The Controlword acts at once, data of it with the next SYNC, which follows the RPDOs of a cycle."""
         self._set_point_sent = False
@@ -102,7 +108,9 @@ class RpdoSender:
         """When the command was given that is sent now, or waits for its turn."""
 
     def use_plan(self, plan: PdoPlan, sdo_timeout_ns: int, refresh_ns: int) -> None:
-        """Send by another plan: nothing of it has been sent yet. After ``refresh_ns`` an RPDO is sent again."""
+        """Send by another plan: nothing of it has been sent yet. After ``refresh_ns`` an RPDO is sent again; 0 by SYNC: with
+        each one the drive expects a new setpoint.
+        """
         self._refresh_ns = refresh_ns
         *data, control = plan.rpdos
         self.control = _Sender(control.pdo, control.cob_id)
@@ -110,6 +118,7 @@ class RpdoSender:
         self.written = [_Values(entry) for entry in plan.written]
         self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
         self._data_by_sync = control.pace is not Pace.SYNC and any(item.pace is Pace.SYNC for item in data)
+        self._positions_by_sync = not refresh_ns and all(entry.attribute != "target_velocity" for entry in self.entries)
         self._set_point_sent = self.set_point_refused = False
         self._held_since = -1
         # Each object takes one timeout at most, and so does the worker's previous job.
@@ -148,6 +157,16 @@ class RpdoSender:
         """All objects of the command."""
         sent = [entry for sender in (*self._data_senders, self.control) for entry in sender.pdo.entries]
         return [*sent, *self.written_entries]
+
+    @property
+    def operates(self) -> bool:
+        """The drive is commanded to be in operation."""
+        return self.command is not None and operates(self.command.controlword)
+
+    @property
+    def moves(self) -> bool:
+        """The drive is commanded to move: by a setpoint, or by a position for each SYNC while it is in operation."""
+        return self.motion_asked or (self._positions_by_sync and self.operates)
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
@@ -242,19 +261,26 @@ class RpdoSender:
 
     # -- in the node's task: objects outside the RPDOs -----------------------------------------------------------------
 
-    def write(self, write: Callable[[int, int, bytes], None], now: int) -> None:
+    @property
+    def has_work(self) -> bool:
+        return bool(self.written)
+
+    def due(self, now: int) -> bool:
+        return True
+
+    def work(self, now: int) -> None:
         """Write by SDO what has changed of the objects without RPDO; a refused value is tried again after a second."""
         for values in self.written:
             newest = values.newest
             if values.written != newest and (values.refused != newest or now >= values.retry_at):
-                self._write_values(write, values, now)
+                self._write_values(values, now)
 
-    def _write_values(self, write: Callable[[int, int, bytes], None], values: _Values, now: int) -> None:
+    def _write_values(self, values: _Values, now: int) -> None:
         # Not confirmed while it is being written; the cycles continue meanwhile.
         values.written = None
         data, held_since = values.newest, self._held_since
         try:
-            write(*values.entry.address, data)
+            self._write(*values.entry.address, data)
         except (SdoAbortedError, SdoCommunicationError, struct.error, ValueError) as error:
             text = f"{values.entry}: {error}"
             if text != values.error:  # log it once until it changes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
@@ -10,9 +9,12 @@ from typing import Final
 from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import SdoAbortedError
 from pdgw.ds301.node.node import TpdoSlot
+from pdgw.ds301.node.operation import Operation, Part
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import DeviceMapping
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import Entry
+from pdgw.dsp402.drive.rpdos import RpdoSender
 
 _PERIOD_NS: Final = SECOND
 """So often is a place that has not changed compared with its object."""
@@ -58,21 +60,25 @@ class Place:
         return self.contradictions >= CONTRADICTIONS
 
 
-class TpdoCheck:
-    """Of one drive. An object that is found is dropped from the ``mapping``."""
+class TpdoCheck(Part):
+    """Of one drive, while it is commanded to be in operation. An object that is found is dropped from the ``mapping``: the drive
+    counts as lost, and is mapped without it."""
 
-    def __init__(self, sdo: SdoAccess, mapping: DeviceMapping) -> None:
+    def __init__(self, sdo: SdoAccess, mapping: DeviceMapping, rpdos: RpdoSender) -> None:
         self._sdo = sdo
         self._mapping = mapping
+        self._rpdos = rpdos
         self._places: list[Place] = []
         self._due = 0
-        self.dropped = ""
-        """Empty, or the object that the drive does not send: the drive counts as lost and is mapped without it."""
+        self._operation = Operation()
 
-    def begin(self, slots: Iterable[TpdoSlot]) -> None:
-        """Another mapping: nothing of it has been compared yet."""
+    @property
+    def has_work(self) -> bool:
+        return bool(self._places)
+
+    def configure(self, plan: PdoPlan, operation: Operation) -> None:
         self._places = []
-        for slot in slots:
+        for slot in operation.slots:
             begin = 0
             for entry in slot.pdo.entries:
                 end = begin + entry.type.bits // 8
@@ -81,19 +87,16 @@ class TpdoCheck:
                     slot.compared = True
                 begin = end
         self._due = self._sdo.loop.now() + _PERIOD_NS
-        self.dropped = ""
+        self._operation = operation
 
-    def is_due(self, now: int) -> bool:
-        """Whether objects have to be read."""
-        return now >= self._due and bool(self._places)
+    def due(self, now: int) -> bool:
+        return now >= self._due and bool(self._places) and self._rpdos.operates
 
-    def check(self, now: int, timeout_ns: int) -> None:
+    def work(self, now: int) -> None:
         """Once a second; where a TPDO showed something else than its object, after its time-out.
 
         A TPDO that is later than that is a lost drive.
         """
-        if not self.is_due(now):
-            return
         self._due = now + _PERIOD_NS
         for place in tuple(self._places):
             entry, held = place.entry, None
@@ -107,6 +110,6 @@ class TpdoCheck:
                 self._mapping.drop(entry.address)
                 shown, there = (int.from_bytes(data, "little") for data in (place.shown, held))
                 found = f"{place.slot.pdo} accepts {entry} but does not send it"
-                self.dropped = f"{found}: it shows {shown}, the object contains {there}"
+                self._operation.lost = f"{found}: it shows {shown}, the object contains {there}"
         if any(place.contradicted_ns for place in self._places):
-            self._due = now + timeout_ns
+            self._due = now + self._operation.timeout_ns

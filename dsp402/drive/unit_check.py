@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 from pdgw.ds301.aborts import NOT_THERE
 from pdgw.ds301.node.node import TpdoSlot
+from pdgw.ds301.node.operation import Operation, Part
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.sdo_transfer import Upload
 from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.dsp402.identification.describe import signed
 from pdgw.dsp402.objects import POSITION_ACTUAL
 from pdgw.dsp402.units.unit_watch import UnitWatch
@@ -22,29 +25,33 @@ that time is unknown.
 """
 
 
-class UnitCheck:
+class UnitCheck(Part):
     """Of one drive. ``velocity_asked``: when a speed without TPDO was requested last.
 
-    ``changed`` gets the text of a unit that another tool has changed.
+    ``changed`` gets the text of a unit that another tool has changed; ``read_again`` reads all of them in the node's task.
     """
 
     def __init__(
         self,
         sdo: SdoAccess,
         feedback: DriveFeedback,
+        rpdos: RpdoSender,
         velocity_asked: Callable[[], int],
         changed: Callable[[str], None],
+        read_again: Callable[[], None],
     ) -> None:
         self._sdo = sdo
         self._feedback = feedback
         self._velocity_asked = velocity_asked
+        self._rpdos = rpdos
         self._changed = changed
+        self._read_again = read_again
         self.watch = UnitWatch({})
         self._position: TpdoSlot | None = None
         self._velocities: tuple[TpdoSlot, ...] = ()
 
-    def begin(self, slots: Sequence[TpdoSlot]) -> None:
-        """Another mapping."""
+    def configure(self, plan: PdoPlan, operation: Operation) -> None:
+        slots = operation.slots
         self._position = next((slot for slot in slots if "position_actual" in slot.pdo.attributes), None)
         self._velocities = tuple(slot for slot in slots if "velocity_actual" in slot.pdo.attributes)
 
@@ -53,10 +60,16 @@ class UnitCheck:
         """When the newest position came, monotonic nanoseconds; 0 never."""
         return self.watch.read_ns if self._position is None else self._position.time
 
-    def check(self, now: int, *, operates: bool, moves: bool) -> bool:
+    def due(self, now: int) -> bool:
+        return self.watch.changed
+
+    def work(self, now: int) -> None:
+        self._read_again()
+
+    def ask(self, now: int) -> bool:
         """Send the next request when it is due, while the task has no access; True if it is. See ``UnitWatch.is_due``."""
-        watch = self.watch
-        if not watch.is_due(now, operates=operates, moves=moves):
+        watch, rpdos = self.watch, self._rpdos
+        if not watch.is_due(now, operates=rpdos.operates, moves=rpdos.moves):
             return False
         if self._position is not None:
             watch.position_missing = True

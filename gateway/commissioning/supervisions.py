@@ -12,9 +12,9 @@ from typing import Final
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.network import CHECK_NS
-from pdgw.ds301.node.client import FAILURES
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.polled import FAILURES
 from pdgw.ds301.node.polling import OLDEST_NS, POLL_NS
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS as SETPOINT_NS

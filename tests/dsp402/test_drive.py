@@ -214,6 +214,7 @@ def test_unexpected_error_in_a_drives_task_sets_it_offline(plant: Plant) -> None
     assert client.refresh(site.now())
     nowhere = replace(DRIVE_OBJECTS.attribute("position_actual"), attribute="of_no_image")
     client.polling.begin([nowhere], site.now())
+    client.operation.parts = list(client.parts)
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert client.refresh(site.now()) is False
     assert plant.events[-1].notice is Notice.REFUSED

@@ -7,16 +7,19 @@ import pytest
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import SdoAbortedError
 from pdgw.ds301.node.node import TpdoSlot
+from pdgw.ds301.node.operation import Operation
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.tpdo_check import CONTRADICTIONS, TpdoCheck
-from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
+from pdgw.dsp402.pdo import layouts
+from pdgw.dsp402.pdo.layouts import LAYOUTS
 
 pytestmark = pytest.mark.planted
 
-STATUS = LAYOUTS[Operation.VELOCITY].tpdos[0]
+STATUS = LAYOUTS[layouts.Operation.VELOCITY].tpdos[0]
 """Statusword and Velocity Actual Value."""
-BOTH = LAYOUTS[Operation.TRANSPARENT].tpdos[1]
+BOTH = LAYOUTS[layouts.Operation.TRANSPARENT].tpdos[1]
 """Position and velocity in one TPDO."""
 POSITION, VELOCITY = (0x6064, 0), (0x606C, 0)
 TIMEOUT = 200 * MS
@@ -24,7 +27,7 @@ STOPPED, TURNS = bytes(4), b"\1\0\0\0"
 
 
 class Drive:
-    """The objects of a drive and its TPDO; it is the SDO access and the mapping of the check, and its loop."""
+    """The objects of a drive and its TPDO; it is the SDO access, mapping and RPDOs of the check, and its loop."""
 
     def __init__(self, pdo: Pdo) -> None:
         self.time = 0
@@ -32,8 +35,13 @@ class Drive:
         self.objects: dict[ObjectAddress, bytes] = dict.fromkeys((POSITION, VELOCITY), STOPPED)
         self.dropped: set[ObjectAddress] = set()
         self.slot = TpdoSlot(pdo, None, 0x181, watched=True)
-        self.check = TpdoCheck(self, self)  # type: ignore[arg-type]
-        self.check.begin([self.slot])
+        self.operates = True
+        self.check = TpdoCheck(self, self, self)  # type: ignore[arg-type]
+        self.map(self.slot)
+
+    def map(self, *slots: TpdoSlot) -> None:
+        self.operation = Operation(slots, TIMEOUT)
+        self.check.configure(PdoPlan((), ()), self.operation)
 
     def now(self) -> int:
         return self.time
@@ -54,7 +62,8 @@ class Drive:
             self.time += 20 * MS
             if frames and step % 2:
                 self.slot.receive(frames[step // 2 % len(frames)], self.time)
-            self.check.check(self.time, TIMEOUT)
+            if self.check.due(self.time):
+                self.check.work(self.time)
 
 
 def test_object_that_every_later_frame_contradicts_is_found() -> None:
@@ -64,7 +73,7 @@ def test_object_that_every_later_frame_contradicts_is_found() -> None:
     assert not drive.dropped
     drive.run(0.2, bytes(8))
     assert drive.dropped == {VELOCITY}, "6064h agrees"
-    assert drive.check.dropped.endswith("606Ch but does not send it: it shows 0, the object contains 1")
+    assert drive.operation.lost.endswith("606Ch but does not send it: it shows 0, the object contains 1")
 
 
 def test_value_seen_once_between_two_checks_is_accepted_from_then_on() -> None:
@@ -76,7 +85,7 @@ def test_value_seen_once_between_two_checks_is_accepted_from_then_on() -> None:
     drive.objects[VELOCITY] = TURNS
     drive.run(10, standing)
     assert not drive.dropped
-    assert not drive.check.is_due(drive.time + SECOND), "nothing is read any more"
+    assert not drive.check.due(drive.time + SECOND), "nothing is read any more"
     assert not drive.slot.compared
 
 
@@ -93,7 +102,7 @@ def test_next_bring_up_checks_again() -> None:
     drive = Drive(STATUS)
     drive.run(2, b"\x37\x02" + STOPPED, b"\x37\x02" + TURNS)
     drive.slot = TpdoSlot(STATUS, None, 0x181, watched=True)
-    drive.check.begin([drive.slot])
+    drive.map(drive.slot)
     drive.objects[VELOCITY] = TURNS
     drive.run(3, b"\x37\x02" + STOPPED)
     assert drive.dropped == {VELOCITY}
@@ -103,13 +112,13 @@ def test_next_bring_up_reads_no_object_for_the_tpdos_of_the_last_one() -> None:
     drive = Drive(STATUS)
     drive.objects[VELOCITY] = TURNS
     drive.run(2, b"\x37\x02" + STOPPED)
-    assert drive.check.dropped
+    assert drive.operation.lost
     drive.slot = TpdoSlot(STATUS, None, 0x181, watched=True)
-    drive.check.begin([drive.slot])
-    assert not drive.check.dropped
-    assert not drive.check.is_due(drive.time + SECOND - 1), "the drive has just begun to send it"
+    drive.map(drive.slot)
+    assert not drive.operation.lost
+    assert not drive.check.due(drive.time + SECOND - 1), "the drive has just begun to send it"
     drive.run(2, b"\x37\x02" + STOPPED, b"\x37\x02" + TURNS)
-    assert not drive.check.is_due(drive.time + SECOND), "its object has changed in the TPDO"
+    assert not drive.check.due(drive.time + SECOND), "its object has changed in the TPDO"
 
 
 def test_reading_without_a_later_frame_does_not_count() -> None:

@@ -41,7 +41,7 @@ def _cut(daemon: Daemon) -> None:
 
 
 def _wrong_mode(daemon: Daemon) -> None:
-    daemon.axes[0].drive._mode.wrong = "6061h shows 1"
+    daemon.axes[0].drive.operation.lost = "6061h shows 1"
 
 
 def _doubles(daemon: Daemon) -> None:
