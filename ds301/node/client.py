@@ -12,7 +12,6 @@ import logging
 import struct
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from contextlib import suppress
 from functools import partial
 from types import MappingProxyType
 from typing import ClassVar, Final, Generic, Self, TypeVar
@@ -21,36 +20,35 @@ import canopen
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
-from pdgw.ds301.bus.can_frame import STANDARD_ID
-from pdgw.ds301.bus.network import UNUSED, CanNetwork, PdoCallback
+from pdgw.ds301.bus.network import CanNetwork, PdoCallback
 from pdgw.ds301.communication import (
     DEVICE_TYPE,
     EMCY_COB_ID,
     ERROR_CONTROL,
-    ERROR_REGISTER,
     IDENTITY,
     NMT,
     SDO_REQUEST,
     SYNC_COB_ID,
     SYNC_COUNTER,
     NmtCommand,
-    NmtState,
 )
-from pdgw.ds301.configuration import disable_pdo
-from pdgw.ds301.emcy import emcy_text, error_register_text
+from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
+from pdgw.ds301.node.confirmation import FIRST_SIGN_NS, Confirmation
 from pdgw.ds301.node.device_values import DeviceConfiguration, ValueWriter
 from pdgw.ds301.node.emergencies import Emergencies
 from pdgw.ds301.node.heartbeat import OFTEN, Heartbeat
+from pdgw.ds301.node.losses import Losses
+from pdgw.ds301.node.mapping import PdoMapper
 from pdgw.ds301.node.node import Cause, Loss, Lost, NodeNotice, NodeSettings, NodeStatus, Notice, TpdoSlot
 from pdgw.ds301.node.operation import NEVER, Operation, Part, Unconfirmed, planned
-from pdgw.ds301.node.plan import PdoPlan, plan_steps
-from pdgw.ds301.node.planner import DeviceMapping, Findings
+from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.node.polled import PolledObjects
 from pdgw.ds301.node.polling import Polling
-from pdgw.ds301.pdo import COB_ID_INVALID, PdoCapabilities, PdoDirection, PdoLayout, PdoReceiver, pdo_of
+from pdgw.ds301.pdo import PdoCapabilities, PdoDirection, PdoLayout, PdoReceiver
 from pdgw.ds301.values import KnownDevice
 
 log = logging.getLogger("gateway")
@@ -64,18 +62,13 @@ S = TypeVar("S", bound=NodeSettings)
 _RETRY_ABSENT_NS: Final = 500 * MS
 _RETRY_REFUSED_NS: Final = 5 * SECOND
 _RECHECK_NS: Final = 5 * MS
-_FIRST_SIGN_NS: Final = SECOND
-"""So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
 _DISCOVERY: Final = 200
 """Usual number of objects that are read of a device without a data sheet,"""
 _CONFIGURATION: Final = 100
 """and of accesses that configure a known device."""
-_TPDO: Final = "check the TPDOs of the device, and who writes its communication objects"
-_MASTER: Final = "switch the other master off, or have it leave this node alone"
 _TOOL: Final = "disconnect the other tool, or have it only read"
-_DEVICE: Final = "check the device: its error behaviour 1029h, and the cause of its EMCY"
 _CHECKED: Final = "another tool wrote to its configuration"
 _NOT_STARTED: Final = "not started"
 _ONLINE: Final = NodeStatus.ONLINE
@@ -121,7 +114,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """The objects to transfer, with their preferred PDOs."""
         self._image = image
         """Takes the values of its TPDOs."""
-        self._mapping = DeviceMapping(self.sdo.read_number)
+        self._mapper = PdoMapper(network, self.sdo)
         self.plan: PdoPlan | None = None
         """The PDOs of this node with their contents; None before its first start."""
         self.on_event = on_event
@@ -145,6 +138,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self.heartbeat = Heartbeat(network, settings.node_id, self.sdo.doubles)
         self.emergencies = Emergencies(network, settings.node_id, emergency_text, on_event)
         self._booted = Event(self.loop)
+        self._losses = Losses(network, self.sdo, self.heartbeat, self.emergencies, self._polled, self._booted)
         self._reconfigure = False
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
@@ -394,7 +388,8 @@ class NodeClient(abc.ABC, Generic[S]):
         if status in (NodeStatus.LOST, NodeStatus.OFFLINE):
             self.network.examine()
         if status is NodeStatus.LOST:
-            self._notify(Notice.BUS_LOST if self.bus_failed else Notice.LOST, cause.evidence, self.loss, cause.remedy)
+            notice = Notice.BUS_LOST if self._losses.bus_failed(self.operation) else Notice.LOST
+            self._notify(notice, cause.evidence, self.loss, cause.remedy)
         else:
             two = status is NodeStatus.REFUSED and self.sdo.doubles.proof
             notice = Notice.TWO_DEVICES if two else _NOTICES[status]
@@ -434,11 +429,8 @@ class NodeClient(abc.ABC, Generic[S]):
                 self._prepare()
         finally:
             self.sdo.patient = False
-        started = self.loop.now()
         try:
-            self._await(started, _FIRST_SIGN_NS, self._missing_tpdos)
-            limit = max(_FIRST_SIGN_NS, self.settings.heartbeat_limit_ns)
-            self._await(started, limit, self._missing_heartbeat)
+            self._confirm()
         except CanopenError:
             self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)  # a rejected node executes NMT commands but must send no PDOs
             raise
@@ -473,7 +465,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self.sdo.expected = self.sdo.accesses + len(values.items) + _CONFIGURATION
         self.configuration.bring_up(values, self._read_known(), self._value_writer)
         self._set_status(NodeStatus.CONFIGURING, Cause("mapping PDOs"))
-        plan = self._configure_pdos()
+        plan = self._mapper.map(self.settings, self._read_capabilities, self._make_plan)
+        self._use_plan(plan)
         if plan.needs_sync and self._may_have(SYNC_COUNTER):
             self.sdo.stop_sync_counter()
         for part in self.parts:
@@ -506,52 +499,6 @@ class NodeClient(abc.ABC, Generic[S]):
 
         return receive
 
-    def _configure_pdos(self) -> PdoPlan:
-        """Plan the PDOs and map them."""
-        found = {index: cob_id for index in self.sdo.dictionary if (cob_id := self.sdo.cob_id_of(index)) is not None}
-        settings, mapping = self.settings, self._mapping
-        mapping.survey(self._read_capabilities(), found)
-        plan = self._make_plan(mapping.findings)
-        self._check_cob_ids(plan)
-        self._disable_others(plan, found)
-        times = {"event_ms": settings.tpdo_event_ms, "inhibit_us": settings.tpdo_inhibit_us}
-        while refused := self.sdo.map_pdos(plan, plan_steps(plan, settings.node_id, found, **times)):
-            # A plan must include an unused PDO that cannot be disabled.
-            if not (plan.uses(refused[0].index) and mapping.learn(*refused)):
-                raise self.sdo.refused(*refused)
-            plan = self._make_plan(mapping.findings)
-            self._check_cob_ids(plan)
-        self._use_plan(plan)
-        return plan
-
-    def _check_cob_ids(self, plan: PdoPlan) -> None:
-        """Refuse a plan with the COB-ID of another node: that node would take the commands, or its values would be mixed."""
-        node_id = self.settings.node_id
-        for item in (*plan.rpdos, *plan.tpdos):
-            other = self.network.node_of_pdo(item.cob_id, node_id)
-            if other != node_id:
-                whose = "an unused PDO" if other == UNUSED else f"node {other}"
-                raise self.kind.error_type(
-                    f"node {node_id} {item.pdo}",
-                    f"COB-ID {item.cob_id:03X}h",
-                    f"a COB-ID that {whose} does not have (PDO5 is PDO1 of the node-ID that is 64 higher): "
-                    "set another node-ID",
-                )
-
-    def _disable_others(self, plan: PdoPlan, found: Mapping[int, int]) -> None:
-        """Disable unused PDOs for which the gateway has no COB-ID: theirs may be that of another node."""
-        node_id = self.settings.node_id
-        for index, cob_id in found.items():
-            direction, number = pdo_of(index)
-            if cob_id & COB_ID_INVALID or plan.uses(index) or direction.has_cob_id(number, node_id):
-                continue
-            step = disable_pdo(direction, number, cob_id)
-            try:
-                self.sdo.write_repeatedly(step.index, step.subindex, step.data)
-            except SdoAbortedError as error:
-                if self.network.node_of_pdo(cob_id & STANDARD_ID, UNUSED) not in (UNUSED, node_id):
-                    raise self.sdo.refused(step, error) from error
-
     def _use_plan(self, plan: PdoPlan) -> None:
         settings = self.settings
         self.operation = planned(plan, settings, self._image, self.sdo.doubles, self.length_errors)
@@ -568,68 +515,20 @@ class NodeClient(abc.ABC, Generic[S]):
         """Whether the node has restarted during the bring-up, or its layout has changed."""
         return self._booted.is_set() or self._reconfigure
 
-    def _await(self, started: int, limit: int, find: Callable[[], CanopenError | None]) -> None:
-        """Until nothing is missing; raises what is after this time. ``started``: when NMT start was sent."""
-        deadline = self.loop.now() + limit
-        while (missing := find()) is not None and not self._interrupted:
-            if self.loop.now() > deadline:
-                raise self._not_started(started) or missing
-            self.loop.sleep(_RECHECK_NS)
-
-    def _missing_tpdos(self) -> CanopenError | None:
-        missing = self.operation.missing()
-        if not missing:
-            return None
-        never_came = "" if self.settings.sync else "set sync = true for TPDOs that are sent on SYNC only"
-        return self.kind.error_type(
-            f"TPDOs of the {self.kind.name}",
-            f"none of {', '.join(missing)}",
-            "each within 1 s of NMT start",
-            _TPDO if self.generation else never_came,
+    def _confirm(self) -> None:
+        """Wait for what a node shows after NMT start."""
+        found = Confirmation(
+            self.sdo, self.heartbeat, self.emergencies, self.settings, self.operation, first=not self.generation
         )
-
-    def _not_started(self, started: int) -> CanopenError | None:
-        """What the node shows since NMT start that explains a missing TPDO or heartbeat; None: nothing."""
-        node, state = f"node {self.settings.node_id}", self.heartbeat.state
-        if state not in (NmtState.BOOT_UP, NmtState.OPERATIONAL):
-            error, register = "", 0
-            with suppress(SdoAbortedError):
-                register = self.sdo.read_number(ERROR_REGISTER)
-            if register:
-                error = f", error register 1001h = {register:02X}h ({error_register_text(register)})"
-            return self.kind.error_type(
-                f"NMT state of {node} after NMT start",
-                f"{NmtState.text(state)}{self.emergencies.after(started)}{error}",
-                "Operational",
-                "remove the errors of the device, then restart the node (P972, or power off and on)",
-            )
-        for slot in self.operation.slots:
-            if slot.data is None and slot.short is not None:
-                return self.kind.error_type(
-                    f"{slot.pdo} of {node}",
-                    f"{slot.short} bytes",
-                    f"{slot.pdo.size} bytes as mapped",
-                    f"check the firmware of the {self.kind.name}",
-                )
-        return None
-
-    def _missing_heartbeat(self) -> CanopenError | None:
-        """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
-        heartbeat, longest = self.heartbeat, self.settings.heartbeat_limit_ns
-        runs = heartbeat.state == NmtState.OPERATIONAL
-        if not heartbeat.expected or (runs and heartbeat.gap <= longest):
-            return None
-        if heartbeat.by_requests:
-            missing, todo = "answer to node guarding", "check that the CAN adapter sends remote frames"
-        else:
-            missing, todo = "heartbeat", "set heartbeat_ms, or check the firmware: it accepted 1017h"
-        first = max(_FIRST_SIGN_NS, longest) / SECOND
-        return self.kind.error_type(
-            f"{missing} of node {self.settings.node_id}",
-            f"one every {heartbeat.gap / SECOND:.2g} s" if runs else "none",
-            f"one every {self.settings.heartbeat_ms} ms, the first within {first:g} s of NMT start",
-            todo,
-        )
+        for limit, find in (
+            (FIRST_SIGN_NS, found.missing_tpdos),
+            (found.heartbeat_ns, found.missing_heartbeat),
+        ):
+            deadline = self.loop.now() + limit
+            while (missing := find()) is not None and not self._interrupted:
+                if self.loop.now() > deadline:
+                    raise found.explanation() or missing
+                self.loop.sleep(_RECHECK_NS)
 
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
@@ -661,7 +560,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.status is _ONLINE and self._unconfirmed is None:
             if self.polling.objects:
                 self._polled.forget_old(now)
-            if (lost := self._lost(now)) is not None:
+            if (lost := self._losses.find(self.settings, self.operation, now)) is not None:
                 self._lose(lost)
 
     def _lose(self, lost: Lost) -> None:
@@ -709,53 +608,6 @@ class NodeClient(abc.ABC, Generic[S]):
                 if self.status is _ONLINE and failure != (failure := str(error)):  # log it once until it changes
                     self._notify(Notice.PROGRESS, f"object without PDO: {failure}")
 
-    def _left(self, now: int) -> Lost:
-        """Why the heartbeat shows another state than Operational."""
-        state = NmtState.text(self.heartbeat.state)
-        if self.operation.stopped:
-            return Lost(Cause(f"{state}: the gateway has stopped it (NMT)"), Loss.OWN_STOP)
-        if (other := self._by_other_master()) is not None:
-            return other._replace(cause=other.cause._replace(evidence=f"{state}: {other.cause.evidence}"))
-        return Lost(Cause(f"{state}: it has left Operational by itself{self.emergencies.after(now - SECOND)}", _DEVICE))
-
-    def _by_other_master(self) -> Lost | None:
-        """That another master took the node out of Operational by an NMT command; None if none did."""
-        if not (command := self.heartbeat.foreign):
-            return None
-        return Lost(Cause(f"another master has sent NMT command {command:02X}h", _MASTER), Loss.OTHER_MASTER)
-
-    def _lost(self, now: int) -> Lost | None:
-        """Why and by whom an online node is lost; None if it is not."""
-        if self._booted.is_set():
-            return self._by_other_master() or Lost(Cause(f"node {self.settings.node_id} restarted"))
-        if self.sdo.doubles.proof:
-            return Lost(Cause.of(self.sdo.two_devices()))
-        heartbeat, operation = self.heartbeat, self.operation
-        overdue = operation.overdue(now)
-        lost = heartbeat.lost(now, self.settings.heartbeat_limit_ns, operation.slots)
-        quiet = self.settings.heartbeat_ms * MS
-        if (overdue or lost) and heartbeat.expected and now - self.received_ns > quiet:
-            return Lost(Cause("silent: neither heartbeats nor TPDOs"))
-        if lost:
-            return Lost(lost)
-        if heartbeat.expected and heartbeat.state != NmtState.OPERATIONAL:
-            return self._left(now)
-        if overdue:
-            beats = heartbeat.time > min(slot.time for slot in overdue) + operation.timeout_ns // 2
-            missing = f"no {', '.join(str(slot.pdo) for slot in overdue)} for {operation.timeout_ns // MS} ms"
-            return Lost(Cause(f"{missing} while its heartbeats arrive", _TPDO) if beats else Cause(missing))
-        if self.polling.objects and (unread := self._polled.unread(now)):
-            return Lost(Cause(unread))
-        if self.bus_failed:
-            outage = self.network.last_outage
-            return Lost(Cause(f"bus {self.network.name}: {outage.value}", outage.remedy))
-        return Lost(Cause(operation.lost)) if operation.lost else None
-
-    @property
-    def bus_failed(self) -> bool:
-        """The bus failed while the node was online, even if it has recovered since: what was sent meanwhile may be lost."""
-        return self.network.health.failures != self.operation.bus_failures or not self.network.healthy
-
     def _give_up(self) -> None:
         """The owner stops the device meanwhile; a node that does not answer is stopped by NMT."""
         seen = self.heartbeat.time
@@ -777,7 +629,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.heartbeat.receive(data, now):
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
-                lost = self._by_other_master() or Lost(Cause("boot-up message"))
+                lost = self._losses.by_other_master() or Lost(Cause("boot-up message"))
                 self._notify(Notice.BOOT, lost.cause.evidence, lost.by, lost.cause.remedy)
         if self.heartbeat.in_row == OFTEN:
             period = f"{self.heartbeat.gap // MS} ms, 1017h is {self.settings.heartbeat_ms}"

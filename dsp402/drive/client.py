@@ -130,7 +130,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._value_writer = self._drive_values = DriveValueWriter(sdo, self.own_values)
         self._left_overs = LeftOvers(sdo, self._notify)
         power_off = PowerOff(self.configuration, self._left_overs, feedback, self._give_values, self._read_units)
-        tpdos = TpdoCheck(sdo, self._mapping, self.rpdos)
+        tpdos = TpdoCheck(sdo, self._mapper.device, self.rpdos)
         self.parts = (self.rpdos, self._mode, self._polled, power_off, self.units, tpdos)
         self.zeroed: frozenset[ObjectAddress] = frozenset()
         """Objects that stay 0, because the drive would add them to the setpoint."""
