@@ -26,6 +26,7 @@ COMPILED = (
     "ds301/loop/loop.py",
     "ds301/loop/readiness.py",
     "ds301/loop/virtual_loop.py",
+    "ds301/node/bring_up.py",
     "ds301/node/client.py",
     "ds301/node/confirmation.py",
     "ds301/node/heartbeat.py",

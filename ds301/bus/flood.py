@@ -55,3 +55,46 @@ class Census:
         most = max(self._bits, key=lambda can_id: self._bits[can_id])
         share = self._bits[most] / total
         return Flood(most, min(load * share, 1.0)) if share > _HALF else None
+
+
+class FloodWatch:
+    """Takes samples of one bus when it is asked, and again while the bus is full.
+
+    ``bitrate`` has that of the bus; ``report`` gets the text of a flood, and that it has ended.
+    """
+
+    def __init__(self, loop: Loop, bitrate: Callable[[], int], report: Callable[[str, bool], None]) -> None:
+        self._loop = loop
+        self._bitrate = bitrate
+        self._report = report
+        self.flood: Flood | None = None
+        """What fills the bus."""
+        self.census: Census | None = None
+        """The sample that is taken now, which counts received frames."""
+        self._next: Timer | None = None
+
+    def examine(self) -> bool:
+        """Take a sample. False if one is taken, or will be."""
+        if self.census is not None or self._next is not None:
+            return False
+        self._begin()
+        return True
+
+    def cancel(self) -> None:
+        """Take no more samples."""
+        if self._next is not None:
+            self._next.cancel()
+
+    def _begin(self) -> None:
+        self.census = Census()
+        self._next = self._loop.call_later(SAMPLE_NS, self._end)
+
+    def _end(self) -> None:
+        census, self.census, self._next = self.census, None, None
+        before, self.flood = self.flood, None if census is None else census.flood(self._bitrate())
+        if self.flood is not None:
+            self._next = self._loop.call_later(AGAIN_NS, self._begin)
+        if self.flood is not None and (before is None or before.can_id != self.flood.can_id):
+            self._report(self.flood.text, True)
+        elif self.flood is None and before is not None:
+            self._report("not full any more", False)
