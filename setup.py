@@ -22,6 +22,8 @@ COMPILED = (
     "ds301/bus/can_frame.py",
     "ds301/bus/network.py",
     "ds301/bus/port.py",
+    "ds301/bus/reopening.py",
+    "ds301/bus/sdo_queue.py",
     "ds301/loop/arrivals.py",
     "ds301/loop/loop.py",
     "ds301/loop/readiness.py",

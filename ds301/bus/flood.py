@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.load import frame_bits
+from pdgw.ds301.loop.loop import Loop, Timer
 
 SAMPLE_NS: Final = 100 * MS
 """Duration of a sample."""
@@ -60,11 +62,15 @@ class Census:
 class FloodWatch:
     """Takes samples of one bus when it is asked, and again while the bus is full.
 
-    ``bitrate`` has that of the bus; ``report`` gets the text of a flood, and that it has ended.
+    ``bitrate`` has that of the bus. ``begins`` is called when a sample begins, ``report`` with the text of a flood or of its end,
+    and whether there is one.
     """
 
-    def __init__(self, loop: Loop, bitrate: Callable[[], int], report: Callable[[str, bool], None]) -> None:
+    def __init__(
+        self, loop: Loop, bitrate: Callable[[], int], begins: Callable[[], None], report: Callable[[str, bool], None]
+    ) -> None:
         self._loop = loop
+        self._begins = begins
         self._bitrate = bitrate
         self._report = report
         self.flood: Flood | None = None
@@ -87,6 +93,7 @@ class FloodWatch:
 
     def _begin(self) -> None:
         self.census = Census()
+        self._begins()
         self._next = self._loop.call_later(SAMPLE_NS, self._end)
 
     def _end(self) -> None:

@@ -8,19 +8,19 @@ sender waits in the send queue. A port that is lost is opened again with a growi
 from __future__ import annotations
 
 import logging
-from collections import deque
 from collections.abc import Callable
 from typing import Final
 
 import can
 
 from pdgw.base.durations import MS
-from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
-from pdgw.ds301.bus.flood import AGAIN_NS, SAMPLE_NS, Census, Flood
+from pdgw.ds301.bus.flood import Flood, FloodWatch
 from pdgw.ds301.bus.health import BusHealth, Outage
 from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
+from pdgw.ds301.bus.reopening import Reopening
+from pdgw.ds301.bus.sdo_queue import SdoQueue
 from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
 from pdgw.ds301.communication import (
     DEFAULT_GATEWAY_NODE_ID,
@@ -50,8 +50,6 @@ _BRING_UPS: Final = 16
 """Nodes configured at a time if the load of the bus is unknown."""
 _QUARTER: Final = 4
 """Part of the time for an answer that a request may wait before it is sent."""
-_SDO_FRAMES: Final = 1024
-"""SDO requests that may wait."""
 _FUNCTION: Final = 0x780
 """The part of a COB-ID that names the service."""
 UNUSED: Final = 0
@@ -62,11 +60,6 @@ _OPEN_NS: Final = 1_000 * MS
 CHECK_NS: Final = 20 * MS
 _EARLY_NS: Final = MS
 """Actions due this soon after a cycle start with the cycle before, so that their order does not depend on chance."""
-_FIRST_PAUSE_NS: Final = 100 * MS
-_LONGEST_PAUSE_NS: Final = 2_000 * MS
-"""Between two tries to open an interface that was lost."""
-_WORKING_NS: Final = 50 * MS
-"""An interface that is down can be opened and is lost in the next turn: minimum time for a successful opening."""
 
 
 class _PdoCalls(PdoReceiver):
@@ -97,11 +90,7 @@ class CanNetwork(Receiver):
         """For who collects the log."""
         self.bring_ups = Turns(loop, _BRING_UPS)
         """Nodes that are configured at a time."""
-        self._sdo_gap = 0
-        """Time between two SDO requests, which leaves the bus free for other frames."""
-        self._sdo_next = 0
-        self._sdo_frames: deque[tuple[int, bytes]] = deque()
-        self._sdo_due: Timer | None = None
+        self._sdo = SdoQueue(loop, self.send)
         self._asked: set[int] = set()
         """The COB-IDs of SDO requests that are not answered,"""
         self._asked_until = 0
@@ -118,12 +107,11 @@ class CanNetwork(Receiver):
         self.error_passive = 0
         self.health = BusHealth()
         self.bitrate = DEFAULT_BITRATE
-        self.flood: Flood | None = None
-        """What fills the bus; looked for only after a loss."""
-        self._census: Census | None = None
+        self._reported: Outage | None = None
+        """The outage that was reported last; None: the bus works."""
+        self._floods = FloodWatch(loop, lambda: self.bitrate, self._note_evidence, self._report_flood)
         self._examines = False
         """A received frame counts for health or census."""
-        self._next_census: Timer | None = None
         self.listeners: list[FrameListener] = []
         self.on_drop: list[Callable[[], None]] = []
         """Called when frames of any sender were dropped."""
@@ -160,13 +148,9 @@ class CanNetwork(Receiver):
         """SYNC of the gateway, and of other senders that are claimed."""
         self.sync_changed: Callable[[], None] | None = None
         """Called when that changes."""
-        self._opener = opener
         self._port: CanPort | None = opener()
         self._started = False
-        self._pause = _FIRST_PAUSE_NS
-        self._reopening: Timer | None = None
-        """Time of the next try, or of the confirmation of the last one."""
-        self._working = True
+        self._reopening = Reopening(loop, name, opener, self._take_port)
         self._register_counters()
 
     def _register_counters(self) -> None:
@@ -196,10 +180,11 @@ class CanNetwork(Receiver):
     def close(self) -> None:
         """Release the interface for good."""
         self._started = False
-        for timer in (self._reopening, self._check_timer, self._next_census):
-            if timer is not None:
-                timer.cancel()
-        self._drop_sdo()
+        if self._check_timer is not None:
+            self._check_timer.cancel()
+        self._reopening.cancel()
+        self._floods.cancel()
+        self._sdo.clear()
         if self._port is not None:
             self._port.close()
             self._port = None
@@ -322,7 +307,7 @@ class CanNetwork(Receiver):
 
         ``answer_ns``: the shortest time within which a node must answer a request, including the wait before it is sent.
         """
-        self._sdo_gap = sdo_gap_ns
+        self._sdo.gap_ns = sdo_gap_ns
         self.bring_ups.limit = max(1, answer_ns // _QUARTER // sdo_gap_ns)
 
     def request_sdo(self, node_id: int, data: bytes, *, first: bool) -> None:
@@ -335,23 +320,10 @@ class CanNetwork(Receiver):
 
     def send_acyclic(self, cob_id: int, data: bytes) -> None:
         """As ``send``; SDO requests in their gap."""
-        if not self._sdo_gap or cob_id & _FUNCTION != SDO_REQUEST:
+        if not self._sdo.gap_ns or cob_id & _FUNCTION != SDO_REQUEST:
             self.send(cob_id, data)
-        elif (cob_id, data) not in self._sdo_frames:
-            if len(self._sdo_frames) >= _SDO_FRAMES:
-                self.send_errors += 1
-                return
-            self._sdo_frames.append((cob_id, data))
-            if self._sdo_due is None:
-                self._send_sdo()
-
-    def _send_sdo(self) -> None:
-        """The next SDO request, when its time has come."""
-        now = self.loop.now()
-        if now >= self._sdo_next:
-            self.send(*self._sdo_frames.popleft())
-            self._sdo_next = now + self._sdo_gap
-        self._sdo_due = self.loop.call_at(self._sdo_next, self._send_sdo) if self._sdo_frames else None
+        elif not self._sdo.add(cob_id, data):
+            self.send_errors += 1
 
     def put(self, cob_id: int, data: bytes) -> bool:
         """Hand a frame to the interface now; False when it has no room or is lost. For senders whose turn it is."""
@@ -391,12 +363,6 @@ class CanNetwork(Receiver):
         if self.loop.now() - self._refused_at >= _ASK_AGAIN_NS:
             self.on_room()
 
-    def _drop_sdo(self) -> None:
-        self._sdo_frames.clear()
-        if self._sdo_due is not None:
-            self._sdo_due.cancel()
-            self._sdo_due = None
-
     def request(self, cob_id: int) -> bool:
         """A remote request of one byte, as ``send``."""
         return self.send(cob_id | REMOTE, _ONE_BYTE)
@@ -432,26 +398,21 @@ class CanNetwork(Receiver):
 
     # -- a full bus -----------------------------------------------------------------------------------------------------
 
+    @property
+    def flood(self) -> Flood | None:
+        """What fills the bus; looked for only after a loss."""
+        return self._floods.flood
+
     def examine(self) -> None:
         """A node is silent, or no frame goes out: does another sender fill the bus? Repeated while it does."""
-        if self._census is None and self._next_census is None and self._port is not None:
-            self._begin_census()
+        if self._port is not None:
+            self._floods.examine()
 
-    def _begin_census(self) -> None:
-        self._census, self._examines = Census(), True
-        self._next_census = self.loop.call_later(SAMPLE_NS, self._end_census)
-
-    def _end_census(self) -> None:
-        census, self._census, self._next_census = self._census, None, None
-        before, self.flood = self.flood, None if census is None else census.flood(self.bitrate)
-        if self.flood is not None:
-            self._next_census = self.loop.call_later(AGAIN_NS, self._begin_census)
-        if self.flood is not None and (before is None or before.can_id != self.flood.can_id):
-            text = f"bus {self.name}: {self.flood.text}"
+    def _report_flood(self, text: str, found: bool) -> None:
+        text = f"bus {self.name}: {text}"
+        if found:
             log.error("CAN %s", text, extra=self._log_fields)
-            self.log_event(text)
-        elif self.flood is None and before is not None:
-            self.log_event(f"bus {self.name}: not full any more")
+        self.log_event(text)
 
     # -- events of the port ---------------------------------------------------------------------------------------------
 
@@ -460,8 +421,8 @@ class CanNetwork(Receiver):
         self.received += 1
         if self._examines:
             self._note_received(now)
-            if self._census is not None:
-                self._census.count(can_id, len(data))
+            if (census := self._floods.census) is not None:
+                census.count(can_id, len(data))
         if self.tap is not None:
             self.tap.frame(can_id, data, now)
         if self.listeners:
@@ -497,10 +458,8 @@ class CanNetwork(Receiver):
             self.error_passive += 1
         if bus_off:
             self.bus_off += 1
-        before = self.health.outage
         self.health.error(self.loop.now(), bus_off=bus_off)
-        self._examines = True
-        self._report_outage(before)
+        self._note_evidence()
 
     def on_room(self) -> None:
         """The interface takes frames again."""
@@ -511,42 +470,17 @@ class CanNetwork(Receiver):
         self._port, self._listens = None, True
         for queue in (self._send_queue, self._first_frames, self._frames):
             queue.clear()
-        self._drop_sdo()
+        self._sdo.clear()
         self.waiting = False
-        before = self.health.outage
         self.health.lost()
-        self._examines = True
-        self._report_outage(before)
-        if self._working:
-            self.lost += 1
-            self._working = False
-            text = f"interface lost ({text}); the gateway opens it again when it is back"
-            log.error("CAN bus %s: %s", self.name, text, extra=self._log_fields)
-        else:
-            log.debug("CAN bus %s: %s", self.name, text)
-        self._try_later()
-
-    def _try_later(self) -> None:
-        if self._reopening is not None:
-            self._reopening.cancel()
+        self._note_evidence()
+        self.lost += self._reopening.lost(text)
         if self._started:
-            self._reopening = self.loop.call_later(self._pause, self._reopen)
-            self._pause = min(2 * self._pause, _LONGEST_PAUSE_NS)
+            self._reopening.begin()
 
-    def _reopen(self) -> None:
-        try:
-            self._port = self._opener()
-        except CanopenError as error:
-            log.debug("CAN bus %s: %s", self.name, error)
-            self._try_later()
-            return
-        self._reopening = self.loop.call_later(_WORKING_NS, self._is_back)
-        self._port.start(self)
-
-    def _is_back(self) -> None:
-        self._working = True
-        self._pause = _FIRST_PAUSE_NS
-        log.info("CAN bus %s: interface opened again", self.name, extra=self._log_fields)
+    def _take_port(self, port: CanPort) -> None:
+        self._port = port
+        port.start(self)
 
     def on_refused(self) -> None:
         """A frame that the interface had taken did not go out."""
@@ -555,22 +489,20 @@ class CanNetwork(Receiver):
 
     def _note_busy(self) -> None:
         self._refused_at = now = self.loop.now()
-        before = self.health.outage
         self.health.busy(now)
-        self._examines = True
-        self._report_outage(before)
+        self._note_evidence()
 
     def _note_received(self, now: int) -> None:
-        before = self.health.outage
         self.health.received(now)
-        self._examines = self.health.doubted or self._census is not None
-        if before is not None:
-            self._report_outage(before)
+        self._note_evidence()
 
-    def _report_outage(self, before: Outage | None) -> None:
-        outage = self.health.outage
+    def _note_evidence(self) -> None:
+        """There is evidence of the health of the bus, or a sample begins: report what has changed."""
+        self._examines = self.health.doubted or self._floods.census is not None
+        outage, before = self.health.outage, self._reported
         if outage is before:
             return
+        self._reported = outage
         text = f"bus {self.name}: {'healthy' if outage is None else f'LOST: {outage.value}'}"
         self.log_event(text)
         if outage is not None:
