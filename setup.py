@@ -20,10 +20,13 @@ from setuptools import setup
 
 COMPILED = (
     "ds301/bus/can_frame.py",
+    "ds301/bus/listeners.py",
     "ds301/bus/network.py",
+    "ds301/bus/node_checks.py",
     "ds301/bus/port.py",
     "ds301/bus/reopening.py",
     "ds301/bus/sdo_queue.py",
+    "ds301/bus/sync_demand.py",
     "ds301/loop/arrivals.py",
     "ds301/loop/loop.py",
     "ds301/loop/readiness.py",

@@ -173,6 +173,20 @@ class PdoReceiver:
         raise NotImplementedError
 
 
+PdoCallback = Callable[[bytes, int], None]
+"""(data, monotonic receive time in ns)."""
+
+
+class PdoCalls(PdoReceiver):
+    """Passes the frames on to a function."""
+
+    def __init__(self, callback: PdoCallback) -> None:
+        self._callback = callback
+
+    def receive(self, data: bytes, now: int) -> None:
+        self._callback(data, now)
+
+
 @dataclass(frozen=True)
 class PdoLayout:
     """The PDOs a device is operated with."""

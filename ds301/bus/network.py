@@ -11,17 +11,18 @@ import logging
 from collections.abc import Callable
 from typing import Final
 
-import can
-
 from pdgw.base.durations import MS
 from pdgw.ds301.bus.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
 from pdgw.ds301.bus.flood import Flood, FloodWatch
 from pdgw.ds301.bus.health import BusHealth, Outage
+from pdgw.ds301.bus.listeners import FrameListener, FrameTap, message_of
 from pdgw.ds301.bus.load import DEFAULT_BITRATE
+from pdgw.ds301.bus.node_checks import NodeChecks
 from pdgw.ds301.bus.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 from pdgw.ds301.bus.reopening import Reopening
 from pdgw.ds301.bus.sdo_queue import SdoQueue
 from pdgw.ds301.bus.send_queue import FrameQueue, Sender, SendQueue
+from pdgw.ds301.bus.sync_demand import SyncDemand
 from pdgw.ds301.communication import (
     DEFAULT_GATEWAY_NODE_ID,
     ERROR_CONTROL,
@@ -32,15 +33,11 @@ from pdgw.ds301.communication import (
     NmtState,
 )
 from pdgw.ds301.loop.jobs import Turns
-from pdgw.ds301.loop.loop import Loop, Timer
-from pdgw.ds301.pdo import PdoReceiver
+from pdgw.ds301.loop.loop import Loop
+from pdgw.ds301.pdo import PdoCallback, PdoCalls, PdoReceiver
 
 log = logging.getLogger("gateway")
 
-PdoCallback = Callable[[bytes, int], None]
-"""(data, monotonic receive time in ns)."""
-FrameListener = Callable[[can.Message], None]
-"""Called with every frame sent and received (``is_rx``). It must only queue."""
 _OPERATIONAL: Final = bytes((NmtState.OPERATIONAL,))
 _ONE_BYTE: Final = bytes(1)
 """Data of a remote request: only its length is sent."""
@@ -57,25 +54,6 @@ UNUSED: Final = 0
 _TO_REQUEST: Final = SDO_REQUEST - SDO_RESPONSE
 _OPEN_NS: Final = 1_000 * MS
 """An SDO request is open for this time at most."""
-CHECK_NS: Final = 20 * MS
-_EARLY_NS: Final = MS
-"""Actions due this soon after a cycle start with the cycle before, so that their order does not depend on chance."""
-
-
-class _PdoCalls(PdoReceiver):
-    def __init__(self, callback: PdoCallback) -> None:
-        self._callback = callback
-
-    def receive(self, data: bytes, now: int) -> None:
-        self._callback(data, now)
-
-
-class FrameTap:
-    """Takes every frame; a class as ``PdoReceiver``."""
-
-    def frame(self, can_id: int, data: bytes, time_ns: int) -> None:
-        """A frame that was sent or received; ``can_id`` with the flags of SocketCAN."""
-        raise NotImplementedError
 
 
 class CanNetwork(Receiver):
@@ -131,23 +109,17 @@ class CanNetwork(Receiver):
         """Node-IDs that have sent a heartbeat or a boot-up message, and when the first one came."""
         self._nodes_of_pdos: dict[int, int] = {}
         """Node-ID by the COB-ID of a PDO."""
-        self._watchers: list[Callable[[int], None]] = []
-        self._check_timer: Timer | None = None
-        self._sync_for: set[int] = set()
-        self._sync_withheld: set[int] = set()
-        """Nodes for whose sake no SYNC is sent."""
+        self.checks = NodeChecks(loop, self.take)
+        """Of the nodes that are online."""
+        self.sync = SyncDemand()
         self.makes_sync = False
         """The gateway sends SYNC on this bus."""
-        self.sync_required = False
-        """A node on this bus sends or takes PDOs on SYNC."""
         self.on_other_sender: Callable[[int, str], None] | None = None
         """Called with COB-ID and name when a frame arrives that only the gateway sends."""
         self.log_event: Callable[[str], object] = lambda _: None
         """Called with the text when the bus is lost, for another reason, or back."""
         self.syncs = 0
         """SYNC of the gateway, and of other senders that are claimed."""
-        self.sync_changed: Callable[[], None] | None = None
-        """Called when that changes."""
         self._port: CanPort | None = opener()
         self._started = False
         self._reopening = Reopening(loop, name, opener, self._take_port)
@@ -180,8 +152,7 @@ class CanNetwork(Receiver):
     def close(self) -> None:
         """Release the interface for good."""
         self._started = False
-        if self._check_timer is not None:
-            self._check_timer.cancel()
+        self.checks.cancel()
         self._reopening.cancel()
         self._floods.cancel()
         self._sdo.clear()
@@ -191,7 +162,7 @@ class CanNetwork(Receiver):
 
     def subscribe_pdo(self, cob_id: int, receiver: PdoReceiver | PdoCallback) -> None:
         """Route frames of this COB-ID to ``receiver`` only."""
-        self._pdos[cob_id] = receiver if isinstance(receiver, PdoReceiver) else _PdoCalls(receiver)
+        self._pdos[cob_id] = receiver if isinstance(receiver, PdoReceiver) else PdoCalls(receiver)
 
     def unsubscribe_pdo(self, cob_id: int) -> None:
         """End a subscription; a missing one is not an error."""
@@ -240,31 +211,6 @@ class CanNetwork(Receiver):
         ``UNUSED`` instead of a node-ID: PDOs of any node have it that cannot be disabled, and no node may send it.
         """
         return self._nodes_of_pdos.setdefault(cob_id, node_id)
-
-    def watch(self, look: Callable[[int], None]) -> None:
-        """Call with the time every 20 ms, all of the bus together: each time of its own would wake the loop."""
-        self._watchers.append(look)
-        if self._check_timer is None:
-            self._check_timer = self.loop.call_later(CHECK_NS, self._check_nodes)
-
-    def unwatch(self, look: Callable[[int], None]) -> None:
-        """The end of ``watch``."""
-        self._watchers.remove(look)
-
-    def check_before(self, when: int) -> None:
-        """Look now if it would be due before ``when`` or soon after: the cyclic exchange is awake, and wakes again only then."""
-        timer = self._check_timer
-        if timer is not None and timer.when <= when + _EARLY_NS:
-            timer.cancel()
-            self._check_nodes()
-
-    def _check_nodes(self) -> None:
-        now, timer, self._check_timer = self.loop.now(), self._check_timer, None
-        self.take(now)
-        for look in self._watchers:
-            look(now)
-        if self._watchers and timer is not None:
-            self._check_timer = self.loop.call_at(max(now, timer.when) + CHECK_NS, self._check_nodes)
 
     def listen(self, now: int, *, on: bool) -> None:
         """Whether frames are received when they arrive (the beginning), or may wait for ``take``: not while an SDO is open."""
@@ -378,25 +324,11 @@ class CanNetwork(Receiver):
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
         self.send(ERROR_CONTROL + self.node_id, _OPERATIONAL)
 
-    def require_sync(self, node_id: int, *, required: bool) -> None:
-        """Whether a node needs SYNC."""
-        (self._sync_for.add if required else self._sync_for.discard)(node_id)
-        if self.sync_required != bool(self._sync_for):
-            self.sync_required = bool(self._sync_for)
-            if self.sync_changed is not None:
-                self.sync_changed()
-
-    def withhold_sync(self, node_id: int, *, withheld: bool) -> None:
-        """Whether SYNC is withheld for the sake of a node that nothing else stops."""
-        (self._sync_withheld.add if withheld else self._sync_withheld.discard)(node_id)
-
     def send_sync(self) -> None:
         """One SYNC, from the cyclic exchange."""
-        if not self._sync_withheld:
+        if not self.sync.withheld_for:
             self.syncs += 1
             self.send(SYNC, b"")
-
-    # -- a full bus -----------------------------------------------------------------------------------------------------
 
     @property
     def flood(self) -> Flood | None:
@@ -420,7 +352,8 @@ class CanNetwork(Receiver):
         """A data frame with a standard identifier."""
         self.received += 1
         if self._examines:
-            self._note_received(now)
+            self.health.received(now)
+            self._note_evidence()
             if (census := self._floods.census) is not None:
                 census.count(can_id, len(data))
         if self.tap is not None:
@@ -441,7 +374,8 @@ class CanNetwork(Receiver):
         """A frame outside CANopen, or a request to another node."""
         self.received += 1
         if self._examines:
-            self._note_received(self.loop.now())
+            self.health.received(self.loop.now())
+            self._note_evidence()
         if self.tap is not None:
             flags = (EXTENDED if extended else 0) | (REMOTE if remote else 0)
             self.tap.frame(can_id | flags, data, self.loop.now())
@@ -492,10 +426,6 @@ class CanNetwork(Receiver):
         self.health.busy(now)
         self._note_evidence()
 
-    def _note_received(self, now: int) -> None:
-        self.health.received(now)
-        self._note_evidence()
-
     def _note_evidence(self) -> None:
         """There is evidence of the health of the bus, or a sample begins: report what has changed."""
         self._examines = self.health.doubted or self._floods.census is not None
@@ -513,15 +443,7 @@ class CanNetwork(Receiver):
     def _notify_listeners(
         self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False
     ) -> None:
-        requests = remote or bool(can_id & REMOTE)
-        message = can.Message(
-            timestamp=self.loop.wall(),
-            arbitration_id=can_id & ~REMOTE,
-            data=None if requests else data,
-            dlc=len(data),
-            is_extended_id=extended,
-            is_remote_frame=requests,
-            is_rx=is_rx,
-        )
+        wall_s = self.loop.wall()
+        message = message_of(can_id, data, wall_s, is_rx=is_rx, extended=extended, remote=remote)
         for listener in self.listeners:
             listener(message)

@@ -16,7 +16,7 @@ import canopen
 
 from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError
-from pdgw.ds301.bus.network import CanNetwork, PdoCallback
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     DEVICE_TYPE,
     EMCY_COB_ID,
@@ -40,7 +40,7 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.planner import Findings
 from pdgw.ds301.node.polled import PolledObjects
 from pdgw.ds301.node.polling import Polling
-from pdgw.ds301.pdo import PdoCapabilities, PdoLayout, PdoReceiver
+from pdgw.ds301.pdo import PdoCallback, PdoCapabilities, PdoLayout, PdoReceiver
 from pdgw.ds301.values import KnownDevice
 
 S = TypeVar("S", bound=NodeSettings)
@@ -232,7 +232,7 @@ class BringUp(abc.ABC, Generic[S]):
         self.operation = planned(plan, settings, self._image, self.sdo.doubles, self.operation.length_errors)
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
-        self.network.require_sync(settings.node_id, required=plan.needs_sync)
+        self.network.sync.require(settings.node_id, required=plan.needs_sync)
         if plan != self.plan:
             self.plan = plan
             for line in plan.lines:

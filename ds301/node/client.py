@@ -175,7 +175,7 @@ class NodeClient(BringUp[S]):
         self.status = NodeStatus.OFFLINE
         self.cause = Cause("stopped")
         self._jobs.fail(self._not_online)
-        self.network.require_sync(self.settings.node_id, required=False)
+        self.network.sync.require(self.settings.node_id, required=False)
         if self._task is not None:
             self._task = None
             self.sdo.close()
@@ -296,12 +296,12 @@ class NodeClient(BringUp[S]):
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
         if self._unconfirmed is not None:  # another tool wrote during the bring-up
             self._lose(Lost(Cause(self._unconfirmed.text, _TOOL), Loss.OTHER_TOOL))
-        self.network.watch(self._monitor)
+        self.network.checks.add(self._monitor)
         try:
             self._work()
             self._jobs.fail(self._not_online)
         finally:
-            self.network.unwatch(self._monitor)
+            self.network.checks.remove(self._monitor)
 
     def _work(self) -> None:
         failure = ""

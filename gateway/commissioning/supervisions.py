@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.ds301.bus.network import CHECK_NS
+from pdgw.ds301.bus.node_checks import CHECK_NS
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.polled import FAILURES

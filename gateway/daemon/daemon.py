@@ -159,7 +159,7 @@ class Daemon:
             self._leave_room(bus)
         self._find_sync()
         for network in self.networks.values():
-            network.sync_changed = self._find_sync
+            network.sync.changed = self._find_sync
 
     @contextmanager
     def _stored_telegrams_named(self) -> Iterator[None]:
@@ -221,7 +221,7 @@ class Daemon:
     def _find_sync(self) -> None:
         """Find the SYNC producers by the name of their bus."""
         synced = {client.network.name for client in self.clients if client.settings.sync}
-        synced |= {name for name, network in self.networks.items() if network.sync_required}
+        synced |= {name for name, network in self.networks.items() if network.sync.required}
         cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
         for name in synced:
             self.networks[name].claim(SYNC, "SYNC (a node whose 1005h has bit 30, too)")
@@ -603,7 +603,7 @@ class Daemon:
         elif due is not None:
             due.postpone(self._deadline)
         for network in self._buses:
-            network.check_before(expected)
+            network.checks.run_before(expected)
         if (together := link.takes_together) or self._together:
             self._together = together
             for network in self._buses:

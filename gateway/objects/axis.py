@@ -273,7 +273,7 @@ class Axis(DriveObject):
         if outputs.brake is not self._brake:
             self._brake = outputs.brake
             by_sync = outputs.brake is _WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync
-            self.network.withhold_sync(self.node_id, withheld=by_sync)
+            self.network.sync.withhold(self.node_id, withheld=by_sync)
             if outputs.brake is not _NO_BRAKE:
                 self.drive.stop_node()
 

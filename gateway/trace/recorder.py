@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from pdgw.base.durations import MS, SECOND, US
-from pdgw.ds301.bus.network import FrameTap
+from pdgw.ds301.bus.listeners import FrameTap
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.identity import build_text
 from pdgw.gateway.base.reasons import Reason

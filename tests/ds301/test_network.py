@@ -444,16 +444,16 @@ def test_check_due_before_the_next_cycle_runs_in_this_one(cycle: int) -> None:
     network = CanNetwork(loop, lambda: open_port(loop, ScriptedBus()))
     looks: list[int] = []
     begin = loop.now()
-    network.watch(looks.append)
+    network.checks.add(looks.append)
     while loop.now() < begin + 40 * MS:
         loop.run_for(cycle)
-        network.check_before(loop.now() + cycle)
+        network.checks.run_before(loop.now() + cycle)
     assert [when - begin for when in looks] == [20 * MS - cycle, 40 * MS - cycle]
     loop.run_for(30 * MS)  # the exchange has ended
     assert [when - begin for when in looks[2:]] == [60 * MS]
-    network.unwatch(looks.append)
-    network.check_before(loop.now() + SECOND)
-    network.check_before(loop.now() + SECOND)
+    network.checks.remove(looks.append)
+    network.checks.run_before(loop.now() + SECOND)
+    network.checks.run_before(loop.now() + SECOND)
     assert len(looks) == 3
     network.close()
 
@@ -471,18 +471,18 @@ def test_monitors_of_a_bus_are_called_together_until_removed() -> None:
         seen.append(("second", now))
 
     begin = loop.now()
-    network.watch(first)
+    network.checks.add(first)
     loop.run_for(5 * MS)
-    network.watch(second)
+    network.checks.add(second)
     loop.run_for(30 * MS)
     assert seen == [("first", begin + 20 * MS), ("second", begin + 20 * MS)]
-    network.unwatch(first)
+    network.checks.remove(first)
     loop.run_for(10 * MS)
     assert seen[2:] == [("second", begin + 40 * MS)]
-    network.unwatch(second)
+    network.checks.remove(second)
     loop.run_for(50 * MS)
     assert len(seen) == 3
-    network.watch(first)
+    network.checks.add(first)
     network.close()
     loop.run_for(50 * MS)
     assert len(seen) == 3
@@ -545,7 +545,7 @@ def test_frames_wait_for_no_cycle_while_an_sdo_is_open() -> None:
 def test_monitors_judge_after_the_frames_that_wait() -> None:
     waiting = Waiting()
     seen: list[int] = []
-    waiting.network.watch(lambda now: seen.append(len(waiting.received)))
+    waiting.network.checks.add(lambda now: seen.append(len(waiting.received)))
     waiting.network.listen(waiting.loop.now(), on=False)
     waiting.send()
     waiting.loop.run_for(30 * MS)

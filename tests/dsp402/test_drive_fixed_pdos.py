@@ -164,7 +164,7 @@ def test_cob_id_and_transmission_type_that_a_drive_keeps_although_it_confirms_ot
     client = plant.connect(Operation.VELOCITY)
 
     def send_sync() -> None:
-        if plant.network.sync_required:
+        if plant.network.sync.required:
             plant.network.send_sync()
         client.loop.call_later(4 * MS, send_sync)
 

@@ -167,7 +167,7 @@ def test_tasks_and_checks_without_a_plc_have_the_time_until_the_next_step() -> N
         until(daemon, lambda: daemon.axes[0].good, "online")
         loop = world_of(daemon).loop
         looks: list[int] = []
-        daemon.networks["can"].watch(looks.append)
+        daemon.networks["can"].checks.add(looks.append)
         steps = []
         for _ in range(10):
             expected, before = loop.expected, daemon.cycles
