@@ -68,7 +68,9 @@ class NodeClient(BringUp[S]):
         """The same for a parameter client."""
         self.question: Callable[[int], bool] = lambda _: False
         """Begin to read an object without the task at this time, if it is due; False: it is not."""
-        self._losses = Losses(network, self.sdo, self.heartbeat, self.emergencies, self._polled, self._booted)
+        self._losses = Losses(
+            network, self.sdo, self.heartbeat, self.emergencies, self.polling, self._polled, self._booted
+        )
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
         self._jobs = Jobs()
@@ -358,7 +360,7 @@ class NodeClient(BringUp[S]):
         if self.sdo.doubles.begins(now):
             self.operation.compare_positions(self.sdo.doubles)
         self._watch(now)
-        if self.status is _ONLINE and now < self._check_at:
+        if self.status is _ONLINE and (self._unconfirmed is None or now < self._unconfirmed.check_at):
             for part in self.operation.parts:
                 if part.due(now):
                     break

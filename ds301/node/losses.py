@@ -14,6 +14,7 @@ from pdgw.ds301.node.heartbeat import Heartbeat
 from pdgw.ds301.node.node import Cause, Loss, Lost, NodeSettings
 from pdgw.ds301.node.operation import Operation
 from pdgw.ds301.node.polled import PolledObjects
+from pdgw.ds301.node.polling import Polling
 from pdgw.ds301.node.sdo import SdoAccess
 
 _MASTER: Final = "switch the other master off, or have it leave this node alone"
@@ -29,6 +30,7 @@ class Losses:
         sdo: SdoAccess,
         heartbeat: Heartbeat,
         emergencies: Emergencies,
+        polling: Polling,
         polled: PolledObjects,
         booted: Event,
     ) -> None:
@@ -36,6 +38,7 @@ class Losses:
         self._sdo = sdo
         self._heartbeat = heartbeat
         self._emergencies = emergencies
+        self._polling = polling
         self._polled = polled
         self._booted = booted
 
@@ -45,8 +48,8 @@ class Losses:
             return self.by_other_master() or Lost(Cause(f"node {settings.node_id} restarted"))
         if self._sdo.doubles.proof:
             return Lost(Cause.of(self._sdo.two_devices()))
-        heartbeat = self._heartbeat
-        overdue = operation.overdue(now)
+        heartbeat, oldest = self._heartbeat, now - operation.timeout_ns
+        overdue = [slot for slot in operation.slots if slot.time < oldest and slot.watched]
         lost = heartbeat.lost(now, settings.heartbeat_limit_ns, operation.slots)
         if (overdue or lost) and heartbeat.expected:
             newest = max([heartbeat.time, *(slot.time for slot in operation.slots)])
@@ -60,7 +63,7 @@ class Losses:
             beats = heartbeat.time > min(slot.time for slot in overdue) + operation.timeout_ns // 2
             missing = f"no {', '.join(str(slot.pdo) for slot in overdue)} for {operation.timeout_ns // MS} ms"
             return Lost(Cause(f"{missing} while its heartbeats arrive", TPDO_REMEDY) if beats else Cause(missing))
-        if unread := self._polled.unread(now):
+        if self._polling.objects and (unread := self._polled.unread(now)):
             return Lost(Cause(unread))
         if self.bus_failed(operation):
             outage = self._network.last_outage

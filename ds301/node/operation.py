@@ -67,10 +67,6 @@ class Operation:
         """The TPDOs that have not come yet."""
         return [str(slot.pdo) for slot in self.slots if slot.data is None and slot.watched]
 
-    def overdue(self, now: int) -> list[TpdoSlot]:
-        """The TPDOs that have not come in time."""
-        return [slot for slot in self.slots if slot.watched and now - slot.time > self.timeout_ns]
-
     def compare_positions(self, doubles: Doubles) -> None:
         """Begin to look for positions that contradict each other: two devices send them."""
         attribute, turn = self.position

@@ -70,6 +70,4 @@ class PolledObjects(Part):
 
     def unread(self, now: int) -> str:
         """Why the objects are so old that the node is lost; empty if it is not."""
-        if not self._polling.objects:
-            return ""
         return self._polling.unread(FAILURES, FAILURES * (POLL_NS + self._sdo.timeout_ns), now)
