@@ -7,7 +7,7 @@ layouts"). Nothing here waits; ``work`` is called in the node's task.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from typing import Final
 
 from pdgw.base.durations import MS
@@ -15,10 +15,10 @@ from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.node import Notice
 from pdgw.ds301.node.operation import Part
-from pdgw.ds301.node.plan import Pace, PdoPlan
+from pdgw.ds301.node.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback, attributes
 from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE
 from pdgw.dsp402.states import ControlBit, FaultReset, operates
@@ -26,6 +26,18 @@ from pdgw.dsp402.states import ControlBit, FaultReset, operates
 _RETRY_VALUE_NS: Final = 1000 * MS
 """Time after which a failed SDO write is repeated."""
 _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
+_VALUES: Final = attributes(DriveCommand())
+
+
+def _changed(command: DriveCommand, controlword: int, target_velocity: int) -> DriveCommand:
+    """The command with this Controlword and velocity; itself if it has them."""
+    if controlword == command.controlword and target_velocity == command.target_velocity:
+        return command
+    changed = DriveCommand()
+    for name in _VALUES:
+        setattr(changed, name, getattr(command, name))
+    changed.controlword, changed.target_velocity = controlword, target_velocity
+    return changed
 
 
 class _Sender:
@@ -54,6 +66,45 @@ class _Values:
         self.error = ""
 
 
+class SetPoint:
+    """A new setpoint (Controlword.4), from the rise of the bit to its fall."""
+
+    def __init__(self) -> None:
+        self.sent = False
+        """The edge was sent."""
+        self.held_since = -1
+        """Since when it waits for data that is written by SDO; -1: it does not."""
+        self.refused = False
+        """It does not reach the drive, because its data could not be written."""
+
+
+class _Rpdos:
+    """What is sent by one plan, until the next one."""
+
+    def __init__(
+        self, rpdos: Sequence[PlannedPdo], written: Sequence[Entry], sdo_timeout_ns: int, refresh_ns: int
+    ) -> None:
+        *data, control = rpdos
+        self.control = _Sender(control.pdo, control.cob_id)
+        """The one with the Controlword."""
+        self.data = [_Sender(item.pdo, item.cob_id) for item in data]
+        """The others; during a pause only those that are sent in it."""
+        self.paused: list[_Sender] = []
+        """All of ``data`` during a pause."""
+        self.written = [_Values(entry) for entry in written]
+        """Objects without RPDO."""
+        self.refresh_ns = refresh_ns
+        self.starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
+        """The Controlword is not the last object of its RPDO: the drive may process it before the data after it."""
+        entries = [*(entry for item in rpdos for entry in item.pdo.entries), *written]
+        self.positions_by_sync = not refresh_ns and all(entry.attribute != "target_velocity" for entry in entries)
+        """The drive gets a position for each SYNC, no setpoint of its own."""
+        self.data_by_sync = control.pace is not Pace.SYNC and any(item.pace is Pace.SYNC for item in data)
+        """The Controlword acts at once, data of it with the next SYNC, which follows the RPDOs of a cycle."""
+        # Each object takes one timeout at most, and so does the worker's previous job.
+        self.hold_limit_ns = (1 + len(written)) * sdo_timeout_ns
+
+
 class RpdoSender(Part):
     """The RPDOs of one drive. ``control``: the one with the Controlword; ``write`` writes an object by SDO in the node's task,
     and ``wake`` wakes it."""
@@ -75,13 +126,10 @@ class RpdoSender(Part):
         self._write = write
         self._wake = wake
         self._notify = notify
-        self.control = _Sender(control, control.cob_id(node_id))
-        self.written: list[_Values] = []
-        """Objects without RPDO."""
-        self._refresh_ns = 0
+        self._rpdos = _Rpdos([PlannedPdo(control, control.cob_id(node_id), Pace.AT_ONCE)], (), 0, 0)
         self.fault_reset: FaultReset | None = None
-        self.set_point_refused = False
-        """A new setpoint (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
+        self.set_point: SetPoint | None = None
+        """None while Controlword.4 is 0."""
         self.motion_asked = False
         """The last command was to move the drive."""
         self.command: DriveCommand | None = None
@@ -90,18 +138,6 @@ class RpdoSender(Part):
         self.all_sent = True
         self.sent_ns = 0
         """When the newest command was sent as it is; 0 while something of it waits or is withheld."""
-        self._data_senders: list[_Sender] = []
-        self._paused: list[_Sender] = []
-        """All of them during a pause."""
-        self._starts_early = False
-        """The Controlword is not the last object of its RPDO: the drive may process it before the data after it."""
-        self._positions_by_sync = False
-        """The drive gets a position for each SYNC, no setpoint of its own."""
-        self._data_by_sync = False
-        """The Controlword acts at once, data of it with the next SYNC, which follows the RPDOs of a cycle."""
-        self._set_point_sent = False
-        self._held_since = -1
-        self._hold_limit_ns = 0
         self._may_send = True
         """The interface has accepted every frame of this command, and no other sender waits."""
         self._commanded_at = 0
@@ -111,41 +147,43 @@ class RpdoSender(Part):
         """Send by another plan: nothing of it has been sent yet. After ``refresh_ns`` an RPDO is sent again; 0 by SYNC: with
         each one the drive expects a new setpoint.
         """
-        self._refresh_ns = refresh_ns
-        *data, control = plan.rpdos
-        self.control = _Sender(control.pdo, control.cob_id)
-        self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
-        self.written = [_Values(entry) for entry in plan.written]
-        self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
-        self._data_by_sync = control.pace is not Pace.SYNC and any(item.pace is Pace.SYNC for item in data)
-        self._positions_by_sync = not refresh_ns and all(entry.attribute != "target_velocity" for entry in self.entries)
-        self._set_point_sent = self.set_point_refused = False
-        self._held_since = -1
-        # Each object takes one timeout at most, and so does the worker's previous job.
-        self._hold_limit_ns = (1 + len(self.written_entries)) * sdo_timeout_ns
+        self._rpdos = _Rpdos(plan.rpdos, plan.written, sdo_timeout_ns, refresh_ns)
+        self.set_point = None
 
     def pause(self, addresses: Container[ObjectAddress]) -> bool:
         """Until ``repeat``, send no RPDO with one of these objects. False if the one with the Controlword has one."""
+        rpdos = self._rpdos
         carrying = [
             sender
-            for sender in (*self._data_senders, self.control)
+            for sender in (*rpdos.data, rpdos.control)
             if any(entry.address in addresses for entry in sender.pdo.entries)
         ]
-        self._paused = self._data_senders
-        self._data_senders = [sender for sender in self._data_senders if sender not in carrying]
-        return self.control not in carrying
+        rpdos.paused = rpdos.data
+        rpdos.data = [sender for sender in rpdos.data if sender not in carrying]
+        return rpdos.control not in carrying
 
     def repeat(self) -> None:
         """Objects of the drive have been overwritten: send and write everything again."""
-        self._data_senders, self._paused = self._paused or self._data_senders, []
+        rpdos = self._rpdos
+        rpdos.data, rpdos.paused = rpdos.paused or rpdos.data, []
         self.send_again()
-        for values in self.written:
+        for values in rpdos.written:
             values.written = None
 
     def send_again(self) -> None:
         """Frames were dropped before they were sent: send each RPDO with the next command."""
-        for sender in (*self._data_senders, self.control):
+        for sender in (*self._rpdos.data, self._rpdos.control):
             sender.last = b""
+
+    @property
+    def control(self) -> _Sender:
+        """The RPDO with the Controlword."""
+        return self._rpdos.control
+
+    @property
+    def written(self) -> list[_Values]:
+        """Objects without RPDO."""
+        return self._rpdos.written
 
     @property
     def written_entries(self) -> list[Entry]:
@@ -155,7 +193,7 @@ class RpdoSender(Part):
     @property
     def entries(self) -> list[Entry]:
         """All objects of the command."""
-        sent = [entry for sender in (*self._data_senders, self.control) for entry in sender.pdo.entries]
+        sent = [entry for sender in (*self._rpdos.data, self._rpdos.control) for entry in sender.pdo.entries]
         return [*sent, *self.written_entries]
 
     @property
@@ -166,7 +204,12 @@ class RpdoSender(Part):
     @property
     def moves(self) -> bool:
         """The drive is commanded to move: by a setpoint, or by a position for each SYNC while it is in operation."""
-        return self.motion_asked or (self._positions_by_sync and self.operates)
+        return self.motion_asked or (self._rpdos.positions_by_sync and self.operates)
+
+    @property
+    def set_point_refused(self) -> bool:
+        """A new setpoint (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
+        return self.set_point is not None and self.set_point.refused
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
@@ -180,53 +223,60 @@ class RpdoSender(Part):
         self.command = command
         self._may_send = stop or self.has_turn or not self._network.waiting
         self.all_sent = True
-        speed, asked = command.target_velocity, command.controlword
-        if self.fault_reset is not None:
-            command.controlword = self.fault_reset.step(asked, self._feedback.statusword, now)
-        if self._mode.awaited is not None:
-            command.target_velocity = 0
-        for values in self.written:
-            values.newest = values.pack(getattr(command, values.entry.attribute))
+        rpdos = self._rpdos
+        allowed = command
+        if self.fault_reset is not None or self._mode.awaited is not None:
+            allowed = self._allowed(command, now)
+        for values in rpdos.written:
+            values.newest = values.pack(getattr(allowed, values.entry.attribute))
         complete = True
-        for sender in self._data_senders:
-            complete = self._put(sender, sender.pdo.pack(command), now) and complete
-        word = command.controlword
-        withheld = False
-        if not word & _NEW_SETPOINT:
-            self._set_point_sent = self.set_point_refused = False
-            self._held_since = -1
-        elif not self._set_point_sent:
-            command.controlword = word & ~_NEW_SETPOINT
-            if self._starts_early and self.control.pdo.pack(command) != self.control.last:
-                complete = False  # the data is sent one cycle before the edge
-            if self._awaits_sync(now):
-                complete = False
-            if self._may_start(complete, now):
-                command.controlword = word
-        elif not (self.control.last or stop) and self._awaits_sync(now):
-            withheld = True  # dropped: the drive may have this edge, or start with it before its data acts
-        sent = not withheld and self._put(self.control, self.control.pdo.pack(command), now)
-        if sent and command.controlword & _NEW_SETPOINT:
-            self._set_point_sent = True
-        self.sent_ns = now if sent and self.all_sent and not self._paused else 0
-        if command.controlword != asked or command.target_velocity != speed:
-            self.sent_ns = 0
-            command.controlword, command.target_velocity = asked, speed
-        self.motion_asked = speed != 0 or self._set_point_sent
+        for sender in rpdos.data:
+            complete = self._put(sender, sender.pdo.pack(allowed), now) and complete
+        started: DriveCommand | None = allowed
+        set_point: SetPoint | None = None
+        if allowed.controlword & _NEW_SETPOINT:
+            set_point = self.set_point or SetPoint()
+            started = self._started(allowed, set_point, complete, now, stop=stop)
+        self.set_point = set_point
+        sent = started is not None and self._put(rpdos.control, rpdos.control.pdo.pack(started), now)
+        if sent and set_point is not None and started is allowed:
+            set_point.sent = True
+        self.sent_ns = now if sent and started is command and self.all_sent and not rpdos.paused else 0
+        self.motion_asked = command.target_velocity != 0 or (set_point is not None and set_point.sent)
         return self.all_sent
+
+    def _allowed(self, command: DriveCommand, now: int) -> DriveCommand:
+        """The command with as many edges of a fault reset as the drive needs, and without a speed until its mode is shown."""
+        word, velocity = command.controlword, command.target_velocity
+        if self.fault_reset is not None:
+            word = self.fault_reset.step(word, self._feedback.statusword, now)
+        return _changed(command, word, velocity if self._mode.awaited is None else 0)
+
+    def _started(
+        self, command: DriveCommand, set_point: SetPoint, complete: bool, now: int, *, stop: bool
+    ) -> DriveCommand | None:
+        """The command, or the one without its new setpoint while data of it is missing; None: the Controlword waits, too."""
+        rpdos = self._rpdos
+        if set_point.sent:
+            # Dropped: the drive may have this edge, or start with it before its data acts.
+            return command if rpdos.control.last or stop or not self._awaits_sync(now) else None
+        without = _changed(command, command.controlword & ~_NEW_SETPOINT, command.target_velocity)
+        # The data in the same RPDO is sent one cycle before the edge.
+        early = rpdos.starts_early and rpdos.control.pdo.pack(without) != rpdos.control.last
+        complete = complete and not early and not self._awaits_sync(now)
+        return command if self._may_start(set_point, complete, now) else without
 
     def _awaits_sync(self, now: int) -> bool:
         """The SYNC of the data of this command was not sent yet, or may wait itself."""
-        return self._data_by_sync and (
-            self._network.waiting or any(sender.changed == now for sender in self._data_senders)
-        )
+        rpdos = self._rpdos
+        return rpdos.data_by_sync and (self._network.waiting or any(sender.changed == now for sender in rpdos.data))
 
     def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
         """Send an RPDO if it changed or is due; True if this data was sent, now or before.
 
         Nothing is sent after a refused frame: the Controlword must not overtake its data.
         """
-        due = now - sender.time >= self._refresh_ns
+        due = now - sender.time >= self._rpdos.refresh_ns
         if self.has_turn and sender.time >= self._commanded_at:
             due = False  # sent for this command: the next free slot is for the rest
         if data != sender.last or due:
@@ -239,25 +289,31 @@ class RpdoSender(Part):
                 self._may_send = self.all_sent = False
         return data == sender.last
 
-    def _may_start(self, sent: bool, now: int) -> bool:
+    def _may_start(self, set_point: SetPoint, sent: bool, now: int) -> bool:
         """Whether the data of a new setpoint is in the drive: all ``sent`` by RPDO and written by SDO."""
-        if self.set_point_refused:
+        if set_point.refused:
             return False
         missing = [values for values in self.written if values.written != values.newest]
         if not missing:
             return sent
-        if self._held_since < 0:
-            self._held_since = now
+        if set_point.held_since < 0:
+            set_point.held_since = now
             for values in missing:
                 values.refused = None  # a new setpoint allows a new attempt
             self._wake()
             return False
         refused = [values.error for values in missing if values.refused == values.newest]
-        if refused or now - self._held_since > self._hold_limit_ns:
-            self.set_point_refused = True
-            cause = refused[0] if refused else f"data not written within {self._hold_limit_ns // MS} ms"
+        limit_ns = self._rpdos.hold_limit_ns
+        if refused or now - set_point.held_since > limit_ns:
+            set_point.refused = True
+            cause = refused[0] if refused else f"data not written within {limit_ns // MS} ms"
             self._notify(Notice.SET_POINT_REFUSED, f"not started: {cause}")
         return False
+
+    @property
+    def _held_since(self) -> int:
+        """Since when a new setpoint waits for data that is written by SDO; -1: none waits."""
+        return -1 if self.set_point is None else self.set_point.held_since
 
     # -- in the node's task: objects outside the RPDOs -----------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.client import DriveStatus
+from pdgw.dsp402.drive.rpdos import SetPoint
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.base.reasons import EMCY_WARNING, FIRST_WARNING, FaultNumber, Reason, warning_bits
@@ -259,7 +260,8 @@ def test_a_drive_that_does_not_answer_is_fault_121_once(axis: Axis) -> None:
 
 def test_a_setpoint_the_drive_does_not_accept_is_warning_119_and_the_reason(steps: Steps) -> None:
     steps.enable()
-    steps.axis.drive.rpdos.set_point_refused = True
+    set_point = steps.axis.drive.rpdos.set_point = SetPoint()
+    set_point.refused = True
     steps.axis.on_node_event(NodeNotice(Notice.SET_POINT_REFUSED, "not started: 6083h", 1))
     steps(ON, State.OPERATION_ENABLED)
     assert steps.numbers == [119]
@@ -271,7 +273,7 @@ def test_a_setpoint_the_drive_does_not_accept_is_warning_119_and_the_reason(step
     assert steps.axis.outputs.warning == warning_bits(FaultNumber.SET_POINT, FaultNumber.INTERNAL_LIMIT)
     steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.outputs.warning == warning_bits(FaultNumber.SET_POINT), "each ends by itself"
-    steps.axis.drive.rpdos.set_point_refused = False
+    steps.axis.drive.rpdos.set_point = None
     steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.reason is None
     assert steps.axis.outputs.warning == 0
