@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from pdgw.base.durations import MS, SECOND
-from pdgw.gateway.base.reasons import Finding, Reason, with_count
+from pdgw.base.durations import MS
+from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
+from pdgw.gateway.links.losses import NAMED_NS, RepeatedLosses
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
+from pdgw.gateway.links.refusals import STATUS_OFFSET, Refusals
 from pdgw.profidrive.frame import (
-    C_SDU_MIN,
     COUNTER_UNIT_NS,
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
@@ -30,7 +30,6 @@ from pdgw.profidrive.frame import (
     STATUS_NORMAL,
     STATUS_PRIMARY,
     STATUS_RUN,
-    TRAILER,
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import Direction, Telegram, TelegramHalf
@@ -39,16 +38,6 @@ _TICK_AND_COUNTER: Final = struct.Struct(">IH")
 """The end of a frame: the tick, then the CycleCounter."""
 IDLE_NS: Final = 20 * MS
 """Longest time between two readings while no PLC is connected and no drive has power."""
-_NAMED_NS: Final = 10 * SECOND
-"""Time for which another sender, frames that do not count, and repeated losses are named."""
-_REPORTED_NS: Final = 60 * SECOND
-"""Time between two reports of repeated losses."""
-_REPEATED: Final = 3
-"""Losses in this time that have one reason."""
-_LONGEST_PAUSE_NS: Final = SECOND
-"""A PLC that sends nothing for longer does not only send too slowly."""
-_STATUS_OFFSET: Final = 2
-"""DataStatus follows the CycleCounter."""
 _STATUS_USED: Final = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
 _Axis = tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]
 """Decoding of a drive object: its number, its values, their place, that of its IOPS."""
@@ -82,59 +71,6 @@ def control_mask(half: TelegramHalf) -> bytes:
             low, high = item.type.integer_range
             mask[place] = (high - low) & ~life
     return half.struct.pack(*mask)
-
-
-class RepeatedLosses:
-    """Losses of a PLC that keeps sending. Three of them in a short time have one reason until they end: the newest one."""
-
-    def __init__(self, limit_ns: int) -> None:
-        self._limit_ns = limit_ns
-        self._losses: deque[tuple[int, int, Finding | None]] = deque(maxlen=_REPEATED)
-        """When, the time without a frame, and why the frames did not count; None if there were none."""
-        self._until = 0
-        self._begin = self._last = -_NAMED_NS
-        """The first and the last loss of a series."""
-        self._count = 0
-        self._reported_at = 0
-
-    def add(self, now: int, silence_ns: int, cause: Finding | None = None) -> None:
-        """The PLC sends again at ``now``, or (``cause``) its frames have not counted for too long."""
-        self._losses.append((now, silence_ns, cause))
-        if len(self._losses) == _REPEATED and now - self._losses[0][0] <= _NAMED_NS:
-            self._until = now + _NAMED_NS
-
-    def report(self, text: str, now: int) -> str:
-        """The text of a loss for log and fault. Repeated ones are reported with their number once a minute, and else empty."""
-        if now - self._last >= _NAMED_NS:
-            self._begin, self._count, self._reported_at = now, 0, now - _REPORTED_NS
-        self._last = now
-        self._count += 1
-        finding = self.finding(now)
-        if finding is None:
-            return text
-        if now - self._reported_at < _REPORTED_NS:
-            return ""
-        self._reported_at = now
-        return with_count(finding.text, self._count, now - self._begin)
-
-    def returned(self, now: int, silence_ns: int) -> None:
-        """A frame came after this time without one."""
-        if self._limit_ns < silence_ns <= _LONGEST_PAUSE_NS:
-            self.add(now, silence_ns)
-
-    def finding(self, now: int) -> Finding | None:
-        """The reason of all losses, None unless they are repeated."""
-        if not self._losses or now >= self._until:
-            return None
-        cause = self._losses[-1][2]
-        if cause is not None:
-            return cause
-        pauses = sorted({f"{pause / MS:.0f}" for _, pause, why in self._losses if why is None}, key=int)
-        apart = " to ".join(pauses[:1] + pauses[1:][-1:])
-        return Finding.of(
-            Reason.WATCHDOG_SHORT,
-            f"the PLC is lost repeatedly: its frames come {apart} ms apart, the limit is {self._limit_ns / MS:g} ms",
-        )
 
 
 class CyclicEndpoint:
@@ -173,7 +109,7 @@ class CyclicEndpoint:
         self._fixed_peer = peer
         self.new_frames = NewFrames(age_limit_ns, tick_offset)
         self._last_time = 0
-        self._heard = -_NAMED_NS
+        self._heard = -NAMED_NS
         """Arrival of the last frame that fits, whether it counted or not."""
         self.losses = RepeatedLosses(self._watchdog_ns)
         self._read_at = 0
@@ -188,7 +124,7 @@ class CyclicEndpoint:
             axes.append((index, half.struct.unpack_from, offset, iops))
             mask[offset : offset + half.size] = control_mask(half)
             mask[iops] = IOPS_GOOD
-        mask[self.consumer.trailer + _STATUS_OFFSET] = STATUS_RUN
+        mask[self.consumer.trailer + STATUS_OFFSET] = STATUS_RUN
         self._axes = tuple(axes)
         self._control_mask = int.from_bytes(mask, "big")
         self._controls = 0
@@ -199,7 +135,7 @@ class CyclicEndpoint:
         """Source and target of frames; kept after a loss, so that the PLC sees the axes stop and gets a tick."""
         self._runs = False
         """Provider state of the PLC."""
-        self._telegrams = tuple(item.number for item in telegrams)
+        self.refusals = Refusals(self.consumer, self.provider, telegrams, self._header, self.new_frames, peer)
         self._refused: tuple[Verdict, Address, bytes] | None = None
         """The newest frame of the PLC that does not count, if none has counted since: why, its sender and its bytes."""
         self._refused_at = 0
@@ -230,8 +166,8 @@ class CyclicEndpoint:
         if (repeated := self.losses.finding(now)) is not None:
             return repeated
         if not self.connected:
-            if self._refused is not None and now - self._refused_at <= _NAMED_NS:
-                found, (_, (host, _), _) = self.why_refused(*self._refused), self._refused
+            if self._refused is not None and now - self._refused_at <= NAMED_NS:
+                found, (_, (host, _), _) = self.refusals.why(*self._refused, self.peer), self._refused
                 replaces = self._last_time and self.peer is not None and self.peer[0] != host
                 return found._replace(reason=Reason.OTHER_SENDER) if replaces else found
         elif not self._runs:
@@ -239,66 +175,12 @@ class CyclicEndpoint:
         elif not any(item is not None for item in self.setpoints):
             # Short frames of several layouts have equal lengths: one has its IOPS where another has padding.
             text = "every IOPS of the PLC is BAD" if index is None else Reason.PLC_BAD.value
-            return Finding.of(Reason.PLC_BAD, f"{text}; {self._expected}")
+            return Finding.of(Reason.PLC_BAD, f"{text}; {self.refusals.expected}")
         elif index is not None and self.setpoints[index] is None:
             return Finding.of(Reason.PLC_BAD)
-        if self._foreign in (None, self.peer) or now - self._foreign_at > _NAMED_NS:
+        if self._foreign in (None, self.peer) or now - self._foreign_at > NAMED_NS:
             return None
-        return self.why_refused(Verdict.FOREIGN_SENDER, self._foreign)
-
-    def _of_other(self, sender: Address) -> Finding:
-        peer = self._fixed_peer if self.peer is None else "{}:{}".format(*self.peer)
-        host, port = sender
-        remedy = Reason.OTHER_SENDER.remedy
-        if self._fixed_peer not in (None, host):
-            remedy += (f'if {host} is the PLC, set peer = "{host}"',)
-        return Finding(Reason.OTHER_SENDER, f"frames of {host}:{port} do not count: the PLC is {peer}", remedy)
-
-    @property
-    def _expected(self) -> str:
-        return f"expected: {self.frame_size} bytes for telegrams {', '.join(map(str, self._telegrams))}"
-
-    def why_refused(self, verdict: Verdict, source: Address, data: bytes = b"") -> Finding:
-        """Why a frame does not count."""
-        frames = "frames of {}:{} do not count".format(*source)
-        new_frames, place = self.new_frames, self.consumer.tick
-        match verdict:
-            case Verdict.FOREIGN_SENDER:
-                return self._of_other(source)
-            case Verdict.NO_TICK:
-                return Finding.of(Reason.FRAME_TICK, f"{frames}: without a tick of this gateway", self._copy_tick)
-            case Verdict.TOO_OLD:
-                limit_ns = new_frames.age_limit_ns or 0
-                age = f"{new_frames.refused_age_ns / MS:.0f} ms old, limit {limit_ns / MS:g} ms"
-                return Finding.of(Reason.FRAME_OLD, f"{frames}: they are {age}")
-            case Verdict.STALE:
-                return Finding.of(Reason.FRAME_COUNTER, f"{frames}: their cycle counter does not increase")
-            case Verdict.WRONG_TELEGRAM:
-                byte = next(at for at in range(self._padding_start, place) if data[at])
-                text = f"{frames}: byte {byte} is not 0, and the last object ends before it; {self._expected}"
-                return Finding.of(Reason.FRAME_LAYOUT, text)
-            case Verdict.WRONG_FRAME_ID:
-                text = f"{frames}: FrameID {data[: HEADER.size].hex().upper()}h, expected {self._header.hex().upper()}h"
-                return Finding.of(Reason.FRAME_INVALID, text)
-            case Verdict.NOT_VALID | Verdict.NOT_PRIMARY:
-                status = data[self.consumer.trailer + _STATUS_OFFSET]
-                bit = "bit 2 (data valid)" if verdict is Verdict.NOT_VALID else "bit 0 (primary)"
-                text = f"{frames}: DataStatus {status:02X}h, {bit} is 0, expected {STATUS_NORMAL:02X}h"
-                return Finding.of(Reason.FRAME_INVALID, text)
-            case _:
-                text = f"{frames}: {len(data)} bytes; {self._expected}"
-                without_tick = HEADER.size + max(C_SDU_MIN, self.consumer.used) + TRAILER.size
-                if len(data) == without_tick != self.frame_size:
-                    return Finding.of(Reason.FRAME_TICK, f"{text}, this is the layout without a tick", self._copy_tick)
-                return Finding.of(Reason.FRAME_LAYOUT, text)
-
-    @property
-    def _copy_tick(self) -> str:
-        of_gateway, place = self.provider.tick, self.consumer.tick
-        return (
-            f"the PLC must receive the gateway's frames and copy bytes {of_gateway} to {of_gateway + 3} of the newest one to "
-            f"bytes {place} to {place + 3} of its own, before the cycle counter (docs/plc.md)"
-        )
+        return self.refusals.why(Verdict.FOREIGN_SENDER, self._foreign, b"", self.peer)
 
     def continue_from(self, previous: CyclicEndpoint) -> None:
         """Follow an endpoint with other telegrams: continue its counts and its cycle counter, or the PLC would see old frames.
@@ -366,7 +248,7 @@ class CyclicEndpoint:
             return Verdict.WRONG_FRAME_ID
         if not data.startswith(self._padding, self._padding_start):
             return Verdict.WRONG_TELEGRAM
-        status = data[layout.trailer + _STATUS_OFFSET]
+        status = data[layout.trailer + STATUS_OFFSET]
         if status & _STATUS_USED == _STATUS_USED:
             return _ACCEPTED
         if not status & STATUS_DATA_VALID:
@@ -429,7 +311,7 @@ class CyclicEndpoint:
     def _lose(self) -> None:
         self.lost_by = None
         if self._refused is not None and self._refused_at - self._last_time > self._watchdog_ns >> 1:
-            self.lost_by = self.why_refused(*self._refused)
+            self.lost_by = self.refusals.why(*self._refused, self.peer)
             self.losses.add(self._read_at, 0, self.lost_by)
         else:
             self._refused = None  # a copy, or a frame that others have overtaken; silence is the cause

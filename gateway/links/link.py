@@ -236,7 +236,7 @@ class UdpLink(Link):
                 if endpoint.changed:
                     break  # the axes step, so that the next frame overwrites no order
             elif verdict not in USUAL and endpoint.counters[verdict] == 1:
-                log.warning("%s", endpoint.why_refused(verdict, source, data).text)
+                log.warning("%s", endpoint.refusals.why(verdict, source, data, endpoint.peer).text)
         self.more = True
         if taken:
             self.skipped += taken - 1

@@ -22,9 +22,9 @@ from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.store import ParameterStore
 from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.links.cyclic import RepeatedLosses
 from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, Link, discard_waiting, is_punctual, silence, watch_calls
+from pdgw.gateway.links.losses import RepeatedLosses
 from pdgw.gateway.links.profinet import findings
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort

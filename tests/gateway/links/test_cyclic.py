@@ -14,7 +14,8 @@ from pdgw.ds301.loop.arrivals import arrival
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.udp import UdpSocket
-from pdgw.gateway.links.cyclic import CyclicEndpoint, RepeatedLosses
+from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.losses import RepeatedLosses
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive import frame as rt
