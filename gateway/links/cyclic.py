@@ -7,10 +7,9 @@ counted by their verdict and dropped; ``finding`` names the reason.
 
 from __future__ import annotations
 
-import enum
 import struct
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from pdgw.base.durations import MS
 from pdgw.gateway.base.reasons import Finding, Reason
@@ -47,19 +46,57 @@ USUAL: Final = (_ACCEPTED, _PROVIDER_STOP, Verdict.AFTER_LOSS, Verdict.OVERDUE, 
 """Verdicts that the status explains without a further text."""
 
 
-class _Connection(enum.Enum):
-    """With a PLC. A loss is an event: no connection follows before ``poll`` has reported it to the axes."""
+class Reading:
+    """Of the socket. All datagrams of one reading have its time."""
 
-    NONE = "the first frame that counts begins one"
-    CONNECTED = "connected"
-    LOST = "lost, and the axes have not seen it"
-    REPORTED = "lost: what waited in the socket at this reading is older"
+    def __init__(self, at: int, before: int, late: bool) -> None:
+        self.at = at
+        self.before = before
+        """Time of the reading before it."""
+        self.late = late
+        """The watchdog time is over since then."""
 
 
-_NONE: Final = _Connection.NONE
-_CONNECTED: Final = _Connection.CONNECTED
-_LOST: Final = _Connection.LOST
-_REPORTED: Final = _Connection.REPORTED
+class Connection:
+    """With a PLC, from the first frame that counts to its loss."""
+
+    def __init__(self) -> None:
+        self.arrived = 0
+        """Arrival of the newest frame that counts."""
+        self.runs = False
+        """Provider state of the PLC."""
+
+
+class Loss:
+    """Of a PLC, until the next reading after ``poll`` has reported it to the axes: no other connection begins before."""
+
+    def __init__(self, cause: Finding | None = None) -> None:
+        self.cause = cause
+        """Why the frames before it did not count; None if there were none."""
+        self.reported = False
+        """What waits in the socket at this reading is older."""
+
+
+class Counts:
+    """Of a link, over all layouts of its frames."""
+
+    def __init__(self) -> None:
+        self.frames: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
+        self.watchdog_expiries = 0
+        """Losses of the PLC: silence, or a late gateway."""
+        self.iops_bad = 0
+        self.sent = 0
+        self.cycle = 0
+        """CycleCounter of the newest frame to the PLC."""
+
+
+class Refused(NamedTuple):
+    """A frame that does not count, at the time of its reading."""
+
+    verdict: Verdict
+    sender: Address
+    data: bytes
+    at: int
 
 
 def control_mask(half: TelegramHalf) -> bytes:
@@ -78,7 +115,7 @@ class CyclicEndpoint:
 
     ``setpoints[i]`` are the raw values of axis i, None while that axis has no valid PLC. Times are monotonic nanoseconds.
     ``peer``: the only accepted sender; None accepts the first valid one until it is lost. ``age_limit_ns``, ``tick_offset``: see
-    ``NewFrames``.
+    ``NewFrames``. ``previous``: the endpoint with other telegrams that this one follows.
     """
 
     def __init__(
@@ -90,6 +127,7 @@ class CyclicEndpoint:
         peer: str | None = None,
         age_limit_ns: int | None = None,
         tick_offset: int = 0,
+        previous: CyclicEndpoint | None = None,
         setpoint_frame_id: int = FRAME_ID_TO_DEVICE,
         actual_frame_id: int = FRAME_ID_TO_CONTROLLER,
     ) -> None:
@@ -104,18 +142,22 @@ class CyclicEndpoint:
         self.received = b""
         """The newest frame of the PLC that was accepted."""
         self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
-        self._counter = 0
         self._watchdog_ns = cycle_ns * watchdog_factor
         self._fixed_peer = peer
         self.new_frames = NewFrames(age_limit_ns, tick_offset)
-        self._last_time = 0
+        self.received_ns: int | None = None
+        """Arrival of the newest frame that counts; None: none yet."""
         self._heard = -NAMED_NS
         """Arrival of the last frame that fits, whether it counted or not."""
         self.losses = RepeatedLosses(self._watchdog_ns)
-        self._read_at = 0
-        self._read_before = 0
-        self._late = False
-        self._connection = _NONE
+        self._reading = Reading(0, 0, late=False)
+        self._connection: Connection | None = None
+        """None: the first frame that counts begins one, but not during a loss."""
+        self._loss: Loss | None = None
+        # Other frames, but the same PLC, which would see old frames with another cycle counter.
+        self.counts: Counts = Counts() if previous is None else previous.counts
+        if previous is not None and previous._loss is not None and not previous._loss.reported:
+            self._loss = Loss()
         axes: list[_Axis] = []
         mask = bytearray(self.frame_size)
         for index, (half, offset, iops) in enumerate(
@@ -133,27 +175,16 @@ class CyclicEndpoint:
         self.setpoints: list[Sequence[int] | None] = [None] * len(telegrams)
         self.peer: Address | None = None
         """Source and target of frames; kept after a loss, so that the PLC sees the axes stop and gets a tick."""
-        self._runs = False
-        """Provider state of the PLC."""
         self.refusals = Refusals(self.consumer, self.provider, telegrams, self._header, self.new_frames, peer)
-        self._refused: tuple[Verdict, Address, bytes] | None = None
-        """The newest frame of the PLC that does not count, if none has counted since: why, its sender and its bytes."""
-        self._refused_at = 0
-        self.lost_by: Finding | None = None
-        """Why the frames before the last loss did not count; None if there were none."""
-        self._foreign: Address | None = None
-        """Another sender than the PLC."""
-        self._foreign_at = 0
-        self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
-        self.watchdog_expiries = 0
-        """Losses of the PLC: silence, or a late gateway."""
-        self.iops_bad = 0
-        self.sent = 0
+        self._refused: Refused | None = None
+        """The newest frame of the PLC that does not count, if none has counted since."""
+        self._foreign: Refused | None = None
+        """The newest frame of another sender."""
 
     @property
     def connected(self) -> bool:
         """A PLC is connected."""
-        return self._connection is _CONNECTED
+        return self._connection is not None
 
     @property
     def frame_size(self) -> int:
@@ -162,15 +193,16 @@ class CyclicEndpoint:
 
     def finding(self, index: int | None = None) -> Finding | None:
         """Why the PLC's frames, or those of another sender, do not count; ``index``: for this axis. None if they do."""
-        now = self._read_at
+        now = self._reading.at
         if (repeated := self.losses.finding(now)) is not None:
             return repeated
-        if not self.connected:
-            if self._refused is not None and now - self._refused_at <= NAMED_NS:
-                found, (_, (host, _), _) = self.refusals.why(*self._refused, self.peer), self._refused
-                replaces = self._last_time and self.peer is not None and self.peer[0] != host
+        refused, foreign, connection = self._refused, self._foreign, self._connection
+        if connection is None:
+            if refused is not None and now - refused.at <= NAMED_NS:
+                found, host = self._why(refused), refused.sender[0]
+                replaces = self.received_ns is not None and self.peer is not None and self.peer[0] != host
                 return found._replace(reason=Reason.OTHER_SENDER) if replaces else found
-        elif not self._runs:
+        elif not connection.runs:
             return Finding.of(Reason.PLC_STOP)
         elif not any(item is not None for item in self.setpoints):
             # Short frames of several layouts have equal lengths: one has its IOPS where another has padding.
@@ -178,22 +210,12 @@ class CyclicEndpoint:
             return Finding.of(Reason.PLC_BAD, f"{text}; {self.refusals.expected}")
         elif index is not None and self.setpoints[index] is None:
             return Finding.of(Reason.PLC_BAD)
-        if self._foreign in (None, self.peer) or now - self._foreign_at > NAMED_NS:
+        if foreign is None or foreign.sender == self.peer or now - foreign.at > NAMED_NS:
             return None
-        return self.refusals.why(Verdict.FOREIGN_SENDER, self._foreign, b"", self.peer)
+        return self._why(foreign)
 
-    def continue_from(self, previous: CyclicEndpoint) -> None:
-        """Follow an endpoint with other telegrams: continue its counts and its cycle counter, or the PLC would see old frames.
-
-        A loss that the axes have not seen is still to be reported.
-        """
-        if previous._connection is _LOST:
-            self._connection = _LOST
-        self._counter = previous._counter
-        self.counters = previous.counters
-        self.watchdog_expiries = previous.watchdog_expiries
-        self.iops_bad = previous.iops_bad
-        self.sent = previous.sent
+    def _why(self, refused: Refused) -> Finding:
+        return self.refusals.why(refused.verdict, refused.sender, refused.data, self.peer)
 
     def receive(self, data: bytes, source: Address, now: int, received_at: int | None = None) -> Verdict:
         """Process a datagram; on ACCEPTED (and on PROVIDER_STOP, with None) the setpoints are updated.
@@ -201,41 +223,43 @@ class CyclicEndpoint:
         ``now``: when the caller read its socket, equal for all datagrams of one read; ``received_at``: when the kernel received
         the datagram, None if unknown. The next ``poll`` reports a loss that is found here.
         """
-        if now != self._read_at:
-            self._note_reading(now)
+        reading = self._reading
+        if now != reading.at:
+            reading = self._begin_reading(now)
         if received_at is not None:
             arrived = earliest = received_at if received_at < now else now
         else:
             arrived = now
             # Without a time stamp it arrived at an unknown time since the last read of the socket.
-            earliest = self._read_before
+            earliest = reading.before
         # The PLC is lost if that was too late, or if the socket was not read for too long.
-        if self.connected and (self._late or earliest - self._last_time > self._watchdog_ns):
-            self._lose()
+        connection = self._connection
+        if connection is not None and (reading.late or earliest - connection.arrived > self._watchdog_ns):
+            self._lose(connection)
         verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
-            if arrived - self._heard > self._watchdog_ns and source == self.peer and not self._late:
+            if arrived - self._heard > self._watchdog_ns and source == self.peer and not reading.late:
                 self.losses.returned(now, arrived - self._heard)
             verdict = self._check_new(data, source, arrived, now, verdict)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
             self._take(data, source, arrived, runs=verdict is _ACCEPTED)
         elif verdict is Verdict.FOREIGN_SENDER:
-            self._foreign, self._foreign_at = source, now
+            self._foreign = Refused(verdict, source, b"", now)
         elif verdict not in USUAL:
-            self._refused, self._refused_at = (verdict, source, data), now
-        self.counters[verdict] += 1
+            self._refused = Refused(verdict, source, data, now)
+        self.counts.frames[verdict] += 1
         return verdict
 
-    def _note_reading(self, now: int) -> None:
-        self._read_before = self._read_at
-        self._read_at = now
-        idle = 0 if self.connected else IDLE_NS
-        self._late = now - self._read_before > self._watchdog_ns + idle
-        if self._connection is _REPORTED:
-            self._connection = _NONE
+    def _begin_reading(self, now: int) -> Reading:
+        before = self._reading.at
+        idle = 0 if self._connection is not None else IDLE_NS
+        reading = self._reading = Reading(now, before, now - before > self._watchdog_ns + idle)
+        if self._loss is not None and self._loss.reported:
+            self._loss = None
+        return reading
 
     def _check(self, data: bytes, source: Address) -> Verdict:
-        if self.connected:
+        if self._connection is not None:
             if source != self.peer:
                 return Verdict.FOREIGN_SENDER
         elif self._fixed_peer is not None and source[0] != self._fixed_peer:
@@ -257,7 +281,7 @@ class CyclicEndpoint:
 
     def _check_new(self, data: bytes, source: Address, arrived: int, now: int, verdict: Verdict) -> Verdict:
         """The verdict on a frame that fits: the same if it is new."""
-        if self._connection is _LOST or self._connection is _REPORTED:
+        if self._loss is not None:
             if source == self.peer:
                 self._heard = arrived
             return Verdict.AFTER_LOSS
@@ -281,18 +305,19 @@ class CyclicEndpoint:
 
     def _take(self, data: bytes, source: Address, arrived: int, *, runs: bool) -> None:
         """A frame that counts: all that it orders is in force."""
-        if self._connection is not _CONNECTED:
-            assert self._connection is _NONE, "the axes have seen the last loss"
-            self._connection = _CONNECTED
+        connection = self._connection
+        if connection is None:
+            assert self._loss is None, "the axes have seen the last loss"
+            connection = self._connection = Connection()
         self.peer = source
-        self._last_time = arrived
+        connection.arrived = self.received_ns = arrived
         self.received = data
         self._refused = None
         controls = int.from_bytes(data, "big") & self._control_mask
         self.changed = controls != self._controls
         self._controls = controls
         setpoints = self.setpoints
-        self._runs = runs
+        connection.runs = runs
         if not runs:
             self.lose_setpoints()
             return
@@ -301,40 +326,42 @@ class CyclicEndpoint:
                 setpoints[index] = unpack(data, offset)
             else:
                 setpoints[index] = None
-                self.iops_bad += 1
+                self.counts.iops_bad += 1
 
     def lose_setpoints(self) -> None:
         """No axis has a valid PLC until the next valid frame."""
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
 
-    def _lose(self) -> None:
-        self.lost_by = None
-        if self._refused is not None and self._refused_at - self._last_time > self._watchdog_ns >> 1:
-            self.lost_by = self.refusals.why(*self._refused, self.peer)
-            self.losses.add(self._read_at, 0, self.lost_by)
+    def _lose(self, connection: Connection) -> None:
+        loss, refused = Loss(), self._refused
+        if refused is not None and refused.at - connection.arrived > self._watchdog_ns >> 1:
+            loss.cause = self._why(refused)
+            self.losses.add(self._reading.at, 0, loss.cause)
         else:
             self._refused = None  # a copy, or a frame that others have overtaken; silence is the cause
-        self._connection = _LOST
+        self._connection, self._loss = None, loss
         self.new_frames.lose()
-        self.watchdog_expiries += 1
+        self.counts.watchdog_expiries += 1
         self.lose_setpoints()
 
     @property
-    def received_ns(self) -> int | None:
-        """Arrival of the newest valid frame; None: none yet."""
-        return self._last_time or None
+    def lost_by(self) -> Finding | None:
+        """Why the frames before the loss did not count that ``poll`` has just reported; None if there were none."""
+        return None if self._loss is None else self._loss.cause
 
     def poll(self, now: int) -> bool:
         """The watchdog, after the datagrams that waited; True when the PLC was lost since the last call."""
-        if now != self._read_at:
-            self._note_reading(now)
-        if self.connected and now - self._last_time > self._watchdog_ns:
-            self._lose()
-        lost = self._connection is _LOST
-        if lost:
-            self._connection = _REPORTED
-        return lost
+        if now != self._reading.at:
+            self._begin_reading(now)
+        connection = self._connection
+        if connection is not None and now - connection.arrived > self._watchdog_ns:
+            self._lose(connection)
+        loss = self._loss
+        if loss is None or loss.reported:
+            return False
+        loss.reported = True
+        return True
 
     def build(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int = 0) -> bytes:
         """The frame to the PLC that is sent now. ``good[i]``: axis i's values are valid (its IOPS)."""
@@ -343,8 +370,9 @@ class CyclicEndpoint:
             values += words
             values.append(IOPS_GOOD if good[index] else IOPS_BAD)
         values += [IOPS_BAD if item is None else IOPS_GOOD for item in self.setpoints]
-        self._counter = (self._counter + self._step) & 0xFFFF
-        values += (self.new_frames.tick(now), self._counter, STATUS_NORMAL, 0)
+        counts = self.counts
+        counts.cycle = (counts.cycle + self._step) & 0xFFFF
+        values += (self.new_frames.tick(now), counts.cycle, STATUS_NORMAL, 0)
         self.frame = self.provider.struct.pack(*values)
-        self.sent += 1
+        counts.sent += 1
         return self.frame

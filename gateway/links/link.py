@@ -188,16 +188,26 @@ class UdpLink(Link):
         add = partial(counters.add, "link")
         for verdict in Verdict:
             add(verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
-        add("sent", "frames", "to the PLC", lambda: self.endpoint.sent)
+        add("sent", "frames", "to the PLC", lambda: self.endpoint.counts.sent)
         add("skipped", "frames", "overtaken by a newer frame before the axes read them", lambda: self.skipped)
-        add("watchdog_expiries", "times", "timeouts: no valid frame in time", lambda: self.endpoint.watchdog_expiries)
-        add("iops_bad", "values", "data of a drive object that the PLC marked as bad", lambda: self.endpoint.iops_bad)
+        add(
+            "watchdog_expiries",
+            "times",
+            "timeouts: no valid frame in time",
+            lambda: self.endpoint.counts.watchdog_expiries,
+        )
+        add(
+            "iops_bad",
+            "values",
+            "data of a drive object that the PLC marked as bad",
+            lambda: self.endpoint.counts.iops_bad,
+        )
         add("errors", "datagrams", "send or receive failed: peer not reachable", lambda: self.port.errors)
 
     def _count_of(self, verdict: Verdict) -> int:
-        return self.endpoint.counters[verdict]
+        return self.endpoint.counts.frames[verdict]
 
-    def _endpoint(self, telegrams: Sequence[Telegram]) -> CyclicEndpoint:
+    def _endpoint(self, telegrams: Sequence[Telegram], previous: CyclicEndpoint | None = None) -> CyclicEndpoint:
         transport = self._transport
         return CyclicEndpoint(
             telegrams,
@@ -206,6 +216,7 @@ class UdpLink(Link):
             peer=str(transport.peer) if transport.peer else None,
             age_limit_ns=transport.age_limit_ns,
             tick_offset=self._tick_offset,
+            previous=previous,
         )
 
     @property
@@ -235,7 +246,7 @@ class UdpLink(Link):
                 taken += 1
                 if endpoint.changed:
                     break  # the axes step, so that the next frame overwrites no order
-            elif verdict not in USUAL and endpoint.counters[verdict] == 1:
+            elif verdict not in USUAL and endpoint.counts.frames[verdict] == 1:
                 log.warning("%s", endpoint.refusals.why(verdict, source, data, endpoint.peer).text)
         self.more = True
         if taken:
@@ -280,8 +291,7 @@ class UdpLink(Link):
             self.port.send(endpoint.build(actuals, good, now), endpoint.peer)
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
-        endpoint = self._endpoint(telegrams)
-        endpoint.continue_from(self.endpoint)
+        endpoint = self._endpoint(telegrams, self.endpoint)
         self.endpoint, self.setpoints = endpoint, endpoint.setpoints
         self.layout_token = object()
         self._listen_to(None)
@@ -305,7 +315,7 @@ class UdpLink(Link):
             "peer": list(endpoint.peer) if endpoint.peer else None,
             "watchdog_ms": self._transport.cycle_time_ms * self._transport.watchdog_factor,
             "age_limit_ms": None if (limit_ns := endpoint.new_frames.age_limit_ns) is None else limit_ns / MS,
-            "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
+            "frames": {verdict.value: count for verdict, count in endpoint.counts.frames.items()},
         }
 
     def close(self) -> None:

@@ -148,7 +148,7 @@ def test_frames_that_a_network_delays_loses_and_repeats_start_no_drive(line: Wir
     drive = plant.drive(line.far)
 
     def counted(verdict: Verdict) -> int:
-        return plant.daemon.link.endpoint.counters[verdict]
+        return plant.daemon.link.endpoint.counts.frames[verdict]
 
     def sequence() -> None:
         plant.turn()

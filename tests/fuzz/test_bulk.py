@@ -123,9 +123,9 @@ def test_damaged_cyclic_frames_at_most_stop_the_axis(chance: random.Random) -> N
         for _ in range(100):
             now += chance.choice((0, MS, CYCLE, 3 * CYCLE))
             source = chance.choice((PLC, UNKNOWN_SENDER))
-            counted = sum(endpoint.counters.values())
+            counted = sum(endpoint.counts.frames.values())
             verdict = endpoint.receive(damage(bytes(plc.build(now)), chance), source, now)
-            assert sum(endpoint.counters.values()) == counted + 1
+            assert sum(endpoint.counts.frames.values()) == counted + 1
             assert (
                 source is PLC
                 or not endpoint.connected

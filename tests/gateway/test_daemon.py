@@ -186,7 +186,7 @@ def test_another_controller_takes_over_only_after_the_loss_of_the_first() -> Non
         for _ in range(5):
             second.send()
             first.exchange()
-        assert endpoint_of(daemon).counters[Verdict.FOREIGN_SENDER] == 5
+        assert endpoint_of(daemon).counts.frames[Verdict.FOREIGN_SENDER] == 5
         assert first.state() == 0x07
         second.until(lambda: second.endpoint.setpoints_used[0], "taken")
 
@@ -341,11 +341,11 @@ def test_another_telegram_is_selected_only_out_of_operation() -> None:
             daemon.change_telegram(daemon.axes[0], 2)
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: plc.state() == 0x01, "off")
-        sent = endpoint_of(daemon).sent
+        sent = endpoint_of(daemon).counts.sent
         daemon.change_telegram(daemon.axes[0], 2)
         other = Plc(daemon, [2])
         other.enable()
-        assert endpoint_of(daemon).sent > sent, "counts go on"
+        assert endpoint_of(daemon).counts.sent > sent, "counts go on"
         assert daemon.axes[0].drive.generation == 2
 
 

@@ -26,8 +26,8 @@ OTHER = ("127.0.0.1", 40001)
 CYCLE = 4 * MS
 
 
-def device(*numbers: int, peer: str | None = None) -> CyclicEndpoint:
-    return CyclicEndpoint([telegram(n) for n in numbers or (1,)], cycle_ns=CYCLE, peer=peer)
+def device(*numbers: int, peer: str | None = None, previous: CyclicEndpoint | None = None) -> CyclicEndpoint:
+    return CyclicEndpoint([telegram(n) for n in numbers or (1,)], cycle_ns=CYCLE, peer=peer, previous=previous)
 
 
 def frame(
@@ -66,7 +66,7 @@ def test_the_first_frame_gives_the_setpoints() -> None:
 def test_bad_frames_are_counted_by_their_reason_and_dropped(data: bytes, verdict: Verdict) -> None:
     endpoint = device()
     assert endpoint.receive(data, PLC, 0) is verdict
-    assert endpoint.counters[verdict] == 1
+    assert endpoint.counts.frames[verdict] == 1
     assert endpoint.setpoints == [None]
     assert not endpoint.connected
 
@@ -76,7 +76,7 @@ def test_a_shorter_telegram_in_a_frame_of_the_same_length_leaves_the_axis_withou
     endpoint = device(9)
     connect(endpoint)
     assert endpoint.setpoints == [None]
-    assert endpoint.iops_bad == 1
+    assert endpoint.counts.iops_bad == 1
 
 
 def test_a_longer_telegram_in_a_frame_of_the_same_length_is_dropped() -> None:
@@ -114,7 +114,7 @@ def test_after_the_watchdog_the_first_sender_is_taken_with_any_counter() -> None
     assert endpoint.poll(3 * CYCLE + 1) is True
     assert endpoint.poll(3 * CYCLE + 2) is False, "told once"
     assert endpoint.setpoints == [None]
-    assert endpoint.watchdog_expiries == 1
+    assert endpoint.counts.watchdog_expiries == 1
     connect(endpoint, frame(3), OTHER, 20 * CYCLE)
 
 
@@ -147,7 +147,7 @@ def test_iops_bad_is_a_loss_for_that_axis_only() -> None:
     c_sdu = bytes.fromhex("047F2000 00 047E1000 80 8080")
     connect(endpoint, rt.RtFrame(0xC001, c_sdu, 1).encode())
     assert endpoint.setpoints == [None, (0x047E, 0x1000)]
-    assert endpoint.iops_bad == 1
+    assert endpoint.counts.iops_bad == 1
     answer = endpoint.build([(0, 0), (0, 0)], [True, True])
     layout = rt.CSduLayout([telegram(1)] * 2, Direction.ACTUAL)
     assert [answer[i] for i in layout.iocs] == [rt.IOPS_BAD, rt.IOPS_GOOD]
@@ -205,7 +205,7 @@ def test_a_gateway_that_was_paused_ignores_frames_that_waited(stamped: bool) -> 
     assert not endpoint.connected
     for number in range(95, 100):
         endpoint.receive(frame(1 + number * STEP), PLC, now, number * CYCLE if stamped else None)
-    assert endpoint.watchdog_expiries == 1
+    assert endpoint.counts.watchdog_expiries == 1
 
 
 def test_a_frame_that_waited_longer_than_the_watchdog_time_is_not_used() -> None:
@@ -237,15 +237,15 @@ def test_newer_on_of_a_later_reading_waits_for_the_report_of_the_loss() -> None:
         assert endpoint.receive(frame(1 + reading * STEP), PLC, now, now) is Verdict.AFTER_LOSS
         assert (endpoint.connected, endpoint.setpoints) == (False, [None])
     assert endpoint.poll(22 * CYCLE), "the loss"
-    assert endpoint.watchdog_expiries == 1
+    assert endpoint.counts.watchdog_expiries == 1
     connect(endpoint, frame(1 + 23 * STEP), at=23 * CYCLE)
 
 
 def test_loss_that_no_axis_has_seen_outlasts_another_layout() -> None:
-    first, second = device(1), device(1)
+    first = device(1)
     connect(first)
     assert first.receive(frame(2), PLC, 20 * CYCLE) is Verdict.AFTER_LOSS
-    second.continue_from(first)
+    second = device(1, previous=first)
     assert second.receive(frame(3), PLC, 21 * CYCLE) is Verdict.AFTER_LOSS
     assert second.poll(21 * CYCLE), "the loss"
     connect(second, frame(4), at=22 * CYCLE)
@@ -264,15 +264,15 @@ def test_the_answer_carries_values_status_and_a_running_counter() -> None:
 
 def test_an_endpoint_with_another_telegram_continues_to_count() -> None:
     """A restarted cycle counter would look like old frames to the PLC."""
-    first, second = device(1), device(2)
+    first = device(1)
     connect(first)
     for _ in range(5):
         before = first.build([(0, 0)], [True])
-    second.continue_from(first)
+    second = device(2, previous=first)
     after = second.build([(0,) * len(telegram(2).actuals.signals)], [True])
     counters = [rt.RtFrame.decode(bytes(data)).cycle_counter for data in (before, after)]
     assert rt.is_newer(counters[1], counters[0])
-    assert (second.sent, second.counters[Verdict.ACCEPTED]) == (6, 1)
+    assert (second.counts.sent, second.counts.frames[Verdict.ACCEPTED]) == (6, 1)
     assert second.setpoints == [None], "values of the other telegram are not taken over"
 
 
@@ -288,7 +288,7 @@ def test_a_configured_peer_may_come_back_from_another_port_after_the_watchdog() 
 def test_arbitrary_datagrams_never_raise_and_are_always_counted(data: bytes) -> None:
     endpoint = device()
     endpoint.receive(data, PLC, 0)
-    assert sum(endpoint.counters.values()) == 1
+    assert sum(endpoint.counts.frames.values()) == 1
 
 
 def test_a_time_stamp_of_the_kernel_becomes_a_time_of_the_loop_whatever_happens_to_the_wall_clock() -> None:
@@ -368,7 +368,7 @@ def test_plc_that_begins_is_not_lost_because_an_idle_gateway_read_seldom() -> No
     assert endpoint.receive(frame(), PLC, now, now - MS) is Verdict.ACCEPTED
     assert endpoint.receive(frame(1 + STEP), PLC, now, now) is Verdict.ACCEPTED
     assert not endpoint.poll(now)
-    assert endpoint.watchdog_expiries == 0
+    assert endpoint.counts.watchdog_expiries == 0
 
 
 def test_pause_of_the_plc_is_one_loss_also_if_a_frame_shows_it_first() -> None:
@@ -381,7 +381,7 @@ def test_pause_of_the_plc_is_one_loss_also_if_a_frame_shows_it_first() -> None:
             endpoint.poll(now - MS)
             endpoint.receive(frame(counter), PLC, now, now)
             endpoint.poll(now)
-        assert endpoint.watchdog_expiries == pauses
+        assert endpoint.counts.watchdog_expiries == pauses
         assert (endpoint.finding() is None) == (pauses < 3)
 
 

@@ -196,7 +196,7 @@ class Site:
 
     @property
     def counted(self) -> dict[Verdict, int]:
-        return {verdict: number for verdict, number in self.link.endpoint.counters.items() if number}
+        return {verdict: number for verdict, number in self.link.endpoint.counts.frames.items() if number}
 
 
 PHASES = st.lists(
