@@ -25,8 +25,9 @@ from pdgw.gateway.axis.power_table import (
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.motion.basic_positioner import BasicPositioner
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.positioner import ACTIVATE, HOME, BasicPositioner
+from pdgw.gateway.motion.positioner import ACTIVATE, HOME
 from pdgw.gateway.motion.requests import Command, Motion, PositionerRequest
 from pdgw.gateway.motion.states import Event
 from pdgw.profidrive.sign_of_life import SignOfLife

@@ -11,7 +11,8 @@ from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
-from pdgw.gateway.motion.positioner import ACTIVATE, BasicPositioner
+from pdgw.gateway.motion.basic_positioner import BasicPositioner
+from pdgw.gateway.motion.positioner import ACTIVATE
 from pdgw.gateway.motion.requests import HomingResult, Seen
 from pdgw.gateway.motion.travel import Course
 from tests.long.planted import Patch, Plant, replaced, wrapped

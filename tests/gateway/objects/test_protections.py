@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
-from pdgw.gateway.motion.positioner import BasicPositioner
+from pdgw.gateway.motion.basic_positioner import BasicPositioner
 from pdgw.gateway.objects.protections import Protection, protections
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.commands.commissioning.config import _start

@@ -44,9 +44,10 @@ from pdgw.gateway.axis.supervision.stop_supervision import _OVER_NS, QUICK_STOPS
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, VelocityCheck
 from pdgw.gateway.axis.values import Inputs, Outputs
+from pdgw.gateway.motion.basic_positioner import BasicPositioner
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.modulo import Ring
-from pdgw.gateway.motion.positioner import RISING, BasicPositioner, Positioner
+from pdgw.gateway.motion.positioner import RISING, Positioner
 from pdgw.gateway.motion.requests import Motion, PositionerFeedback
 from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_LEFT_NS, Course, Stall, UserCourse
 from pdgw.profidrive.sign_of_life import SignOfLife

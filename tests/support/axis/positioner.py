@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 
 from pdgw.gateway.base.reasons import Reason
+from pdgw.gateway.motion.basic_positioner import BasicPositioner
 from pdgw.gateway.motion.blocks import OUTPUTS_MASK, Block, BlockMode, BlockNext
-from pdgw.gateway.motion.positioner import BasicPositioner
 from pdgw.gateway.motion.requests import (
     FULL,
     Command,

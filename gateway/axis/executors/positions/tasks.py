@@ -23,9 +23,9 @@ from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.motion.basic_positioner import BasicPositioner
 from pdgw.gateway.motion.blocks import BlockTask
 from pdgw.gateway.motion.modulo import Ring
-from pdgw.gateway.motion.positioner import BasicPositioner
 from pdgw.gateway.motion.requests import (
     Command,
     HomingResult,
