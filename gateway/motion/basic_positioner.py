@@ -16,9 +16,10 @@ from pdgw.base.durations import MS
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
+from pdgw.gateway.motion.function_orders import Jogs, Stage
 from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.positioner import ACTIVATE, HOME, RISING, SELECTABLE, Positioner
-from pdgw.gateway.motion.positioner_task import Task, captured
+from pdgw.gateway.motion.positioner_task import Acknowledge, Task, captured
 from pdgw.gateway.motion.positioner_words import (
     FUNCTION_BITS,
     HOMING_SHOWN,
@@ -64,14 +65,6 @@ _WITHOUT_REFERENCE: Final = (Reason.REFERENCE_POINT_MOVING, Reason.PASSIVE_HOMIN
 """Warnings of an order for a reference point; the next one that is carried out ends them."""
 
 
-class Acknowledge(enum.Enum):
-    """Acknowledgement of a task, while STW1.6 is still 1 after its edge."""
-
-    NONE = "none"
-    OWED = "not shown yet"
-    SHOWN = "shown"
-
-
 class PassiveHoming(enum.Enum):
     """Homing at the edge of a probe, while anything runs."""
 
@@ -94,39 +87,35 @@ class BasicPositioner(Positioner):
         self._chain = BlockChain(BlockTable(choices.blocks), course)
         self._now = 0
         """Time of this step, monotonic ns."""
-        self._pending: Task | None = None
-        """The task of the newest edge, while it waits for standstill."""
         self._task: Task | None = None
         """The task that runs."""
         self._shown = State.OFF
         """The function in POS_ZSW1: also that of a finished task until STW1.6 falls; IDLE for none."""
         self._acknowledge = Acknowledge.NONE
-        self._armed = 0
-        """The bits of the jogs that may start: the bit was 0 in operation, and has started nothing since."""
-        self._jog = 0
-        """The bit of the one that moves the axis; 0: none."""
         self._homing_until = 0
         """End of POS_ZSW1.11 = 1, monotonic ns; 0: it has ended."""
         self._passive_homing = PassiveHoming.OFF
         self._probe: int | Reason | None = None
-        self._homing_waits = False
-        """An edge of STW1.11 that came while the axis was braking, or now."""
         super().__init__(course, TRANSITIONS)
+        jogs = self._jogs = Jogs()
+        self._orders += (jogs.first, jogs.second)
 
     def _events(self) -> dict[Event, Callable[[], int]]:
         return {
             **super()._events(),
             Event.OPERATING: lambda: self.seen.bits & Seen.OPERATING,
-            Event.TASK_REFUSED: lambda: self._pending is not None and self._pending.refusal is not None,
+            Event.TASK_REFUSED: lambda: (task := self._activate.task) is not None and task.refusal is not None,
             **{event: partial(self._waits_for, event) for event in _FUNCTION},
             Event.CHANGED: self._changed,
             Event.REACHED: self._finished,
             Event.BLOCK_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is not None,
             Event.CHAIN_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is None,
-            Event.JOG: lambda: not self.request.commands & _JOG_INCREMENTAL and self._jog_asked(),
-            Event.JOG_INCREMENTAL: lambda: self.request.commands & _JOG_INCREMENTAL and self._jog_asked(),
-            Event.JOG_RELEASED: lambda: self._jog_bit() != self._jog,
-            Event.HOMING: lambda: self._homing_waits,
+            Event.JOG: lambda: not self.request.commands & _JOG_INCREMENTAL and self._jogs.wait(self.request.commands),
+            Event.JOG_INCREMENTAL: lambda: (
+                self.request.commands & _JOG_INCREMENTAL and self._jogs.wait(self.request.commands)
+            ),
+            Event.JOG_RELEASED: lambda: self._jogs.released(self.request.commands),
+            Event.HOMING: lambda: self._home.stage == Stage.WAITING,
             Event.HOMING_ATTAINED: lambda: self._homing_is(HomingResult.ATTAINED),
             Event.HOMING_FAILED: lambda: self._homing_is(HomingResult.FAILED),
             Event.TRACKING: lambda: self.request.commands & _TRACKS,
@@ -170,7 +159,7 @@ class BasicPositioner(Positioner):
         if state is _MDI:
             return self.travel.arrived()
         rests = (state is _IDLE or state is _TRACKING) and self.seen.bits & _STANDSTILL != 0
-        return rests and self._pending is None and not self._homing_waits
+        return rests and self._activate.task is None and self._home.stage != Stage.WAITING
 
     def forget_home(self) -> None:
         super().forget_home()
@@ -187,7 +176,7 @@ class BasicPositioner(Positioner):
             self._read_request()
         if (commands & HOME or self._passive_homing is not _NOT_PASSIVE) and self.state is not _OFF:
             self._home_on_the_fly()
-        calm = operating and commands & _DO_NOT_REJECT != 0 and self._pending is None
+        calm = operating and commands & _DO_NOT_REJECT != 0 and self._activate.task is None
         self._take_transition(calm)
         if self._chain.block is not None:
             self._chain.look_ahead()
@@ -212,61 +201,62 @@ class BasicPositioner(Positioner):
         return Reason.AT_SOFTWARE_LIMIT if self.travel.rests_at_limit else None
 
     @property
-    def waiting(self) -> int:
-        waiting = self._armed
-        if self._pending is not None:
-            waiting |= ACTIVATE
-        if self._homing_waits or self._passive_homing is not _NOT_PASSIVE:
-            waiting |= HOME
-        return waiting
+    def taken(self) -> int:
+        return 0 if self._passive_homing is _NOT_PASSIVE else HOME
 
     # -- inputs ---------------------------------------------------------------------------------------------------------
 
     def _read_request(self) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
         operating, commands, edges = self.seen.bits & Seen.OPERATING != 0, self.request.commands, self._edges
+        jogs = self._jogs
+        waited = jogs.are(Stage.WAITS)
         self._follow_bits(operating=operating)
         if self._commands & ~commands & (HOME | JOGS) and self.travel.warning is Reason.FUNCTION_RUNS:
             self.warn(None)  # this order is withdrawn
         self._commands = commands if operating else commands & ~RISING
         if not self.seen.bits & _UNDER_ORDERS:
             self._commands |= _REFER
-        accepts = commands & _DO_NOT_REJECT
-        jogs = commands & JOGS
-        allowed = operating and accepts and jogs != JOGS
-        armed, self._armed = self._armed, JOGS & ~jogs | (self._armed if allowed else 0)
+        accepts = commands & _DO_NOT_REJECT != 0
         if not accepts:
-            self._pending = None
-        if not (accepts and commands & HOME):
-            self._homing_waits = False
+            self._withdraw()
         if edges & _REFER:
             self._set_reference_point()
         if self.state is _OFF:
             return
-        if edges & self._armed and self.state not in JOG_STATES:
-            self._armed &= ~edges
+        if edges & jogs.are(Stage.WAITS) and self.state not in JOG_STATES:
+            jogs.refuse(edges)
             self.warn(Reason.FUNCTION_RUNS)
-        self._note_lacking(edges | armed & jogs & ~self._armed)
+        self._note_lacking(edges | waited & ~jogs.are(Stage.READY))
         if edges & ACTIVATE:
-            if not accepts:
-                self.warn(Reason.LOST_EDGE)
-            elif self.state not in TASK_STATES:
-                self.warn(Reason.FUNCTION_RUNS)
-            elif commands & _NO_INTERMEDIATE_STOP or self.state in _KEPT:
-                self._pending = captured(self.request, self._chain, self.travel)
-            else:
-                self.warn(Reason.LOST_EDGE)
-        if edges & HOME and not commands & _PASSIVE_HOMING:
-            if accepts and (self.state is _IDLE or self.state is State.BRAKING):
-                self._homing_waits = True
-            elif accepts:
-                self.warn(Reason.FUNCTION_RUNS)
+            self._take_task(accepts)
+        if edges & HOME and not commands & _PASSIVE_HOMING and accepts:
+            self._take_homing()
         if edges & Command.EXTERNAL_BLOCK_CHANGE:
             self._chain.external = True
 
+    def _take_task(self, accepts: bool) -> None:
+        """An edge of STW1.6: its task waits for the table, or a warning is set."""
+        if not accepts:
+            self.warn(Reason.LOST_EDGE)
+        elif self.state not in TASK_STATES:
+            self.warn(Reason.FUNCTION_RUNS)
+        elif self.request.commands & _NO_INTERMEDIATE_STOP or self.state in _KEPT:
+            self._activate.wait(captured(self.request, self._chain, self.travel))
+        else:
+            self.warn(Reason.LOST_EDGE)
+
+    def _take_homing(self) -> None:
+        """An edge of STW1.11 that may start a homing."""
+        if self.state is _IDLE or self.state is State.BRAKING:
+            self._home.wait()
+        else:
+            self.warn(Reason.FUNCTION_RUNS)
+
     def _waits_for(self, event: Event) -> bool:
         """The newest edge is one of these tasks."""
-        return self._pending is not None and self._pending.event is event
+        task = self._activate.task
+        return task is not None and task.event is event
 
     def _changed(self) -> bool:
         """Continuous update: values other than those in force, while STW1.6 = 1."""
@@ -279,14 +269,6 @@ class BasicPositioner(Positioner):
             self.warn(Reason.UPDATE_RELATIVE)
             return False
         return True
-
-    def _jog_bit(self) -> int:
-        """The bit of a jog if it is the only one, 0 for none or both."""
-        jogs = self.request.commands & JOGS
-        return 0 if jogs == JOGS else jogs
-
-    def _jog_asked(self) -> bool:
-        return self._jog_bit() & self._armed != 0
 
     def _finished(self) -> bool:
         if self.state is _MDI and self.request.commands & _UPDATES == _UPDATES:
@@ -308,10 +290,15 @@ class BasicPositioner(Positioner):
 
     def _forget(self) -> None:
         super()._forget()
-        self._pending = self._task = None
-        self._homing_waits = False
-        self._jog = 0
+        self._task = None
+        self._withdraw()
+        self._jogs.end()
         self._chain.drop()
+
+    def _withdraw(self) -> None:
+        """Edges that wait start nothing any more."""
+        self._activate.withdraw(self.request.commands)
+        self._home.withdraw(self.request.commands)
 
     def _end(self) -> None:
         """The function has ended; an endless block only at a software limit."""
@@ -341,21 +328,22 @@ class BasicPositioner(Positioner):
         self._shown = _IDLE
 
     def _refuse(self) -> None:
-        pending, self._pending = self._pending, None
-        self.warn((pending and pending.refusal) or Reason.FUNCTION_RUNS)
+        task = self._activate.task
+        self._activate.withdraw(self.request.commands)
+        self.warn((task and task.refusal) or Reason.FUNCTION_RUNS)
 
     def _refuse_and_brake(self) -> None:
         self._refuse()
         self._brake()
 
     def _start(self) -> None:
-        task = self._pending
+        task = self._activate.task
         assert task is not None, "the rows with a start follow an edge"
-        homing_waits = self._homing_waits
+        homing_waits = self._home.stage == Stage.WAITING
         self._forget()
         self.warn(Reason.FUNCTION_RUNS if homing_waits else None)
         self._task = task
-        self._effective |= ACTIVATE
+        self._activate.start(self.request.commands)
         self._acknowledge = Acknowledge.OWED
         self._shown = _FUNCTION[task.event]
         if task.event is _BLOCK_TASK:
@@ -382,12 +370,9 @@ class BasicPositioner(Positioner):
 
     def _start_jog(self) -> None:
         self._begin()
-        self._jog = self._jog_bit()
-        self._effective |= self._jog
-        place = self._jog == Command.JOG_2_ON
+        place = self._jogs.start(self.request.commands)
         velocity = self.choices.jog_velocities[place]
         if self.request.commands & _JOG_INCREMENTAL:
-            self._armed &= ~self._jog
             distance = self.choices.jog_distances[place]
             self.travel.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
         else:
@@ -398,7 +383,7 @@ class BasicPositioner(Positioner):
     def _start_homing(self) -> None:
         """The drive sets a new zero at an unknown moment: the old offset must not be used with it."""
         self._begin()
-        self._effective |= HOME
+        self._home.start(self.request.commands)
         self.forget_home()
         self._homing_until = self._now + SHOWN_NS
         self.travel.home()

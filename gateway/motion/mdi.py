@@ -106,7 +106,7 @@ class MdiPositioner(Positioner):
         return self.course.held
 
     @property
-    def waiting(self) -> int:
+    def taken(self) -> int:
         return (ACTIVATE if self._waiting is not None else 0) | (HOME if self.homing is not None else 0)
 
     def _events(self) -> dict[Event, Callable[[], int]]:
@@ -211,11 +211,11 @@ class MdiPositioner(Positioner):
         goal = self._waiting
         assert goal is not None, "the rows with a start follow an edge"
         self._finish()
-        self._effective |= ACTIVATE
+        self._activate.start(self.request.commands)
         self.course.aim(goal)
 
     def _start_homing(self) -> None:
         self._forget()
-        self._effective |= HOME
+        self._home.start(self.request.commands)
         self.warn(None)
         self.course.home()

@@ -10,6 +10,7 @@ from typing import ClassVar, Final
 
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.step_text import equation
+from pdgw.gateway.motion.function_orders import EdgeOrder, Order, Stage
 from pdgw.gateway.motion.requests import NOTHING, Command, HomingResult, Lack, MotionKind, PositionerRequest, Seen
 from pdgw.gateway.motion.states import FUNCTIONS, JOGS, Action, Event, State, Transition
 from pdgw.gateway.motion.travel import Course
@@ -49,12 +50,9 @@ class Positioner:
         self._commands = 0
         """The commands of the step before; out of operation without those whose edges count in it, and without a PLC in control
         with ``SET_REFERENCE_POINT``, because a bit that is 1 in its first frame is not an edge."""
-        self._effective = 0
-        """Bits of ``FUNCTIONS`` that are 1 and have started one."""
-        self._early = 0
-        """Those that have been 1 since before operation."""
-        self._lacked: dict[int, Lack] = {}
-        """What the last edge of a bit lacked, or the loss of its effect."""
+        self._activate = EdgeOrder(ACTIVATE)
+        self._home = EdgeOrder(HOME)
+        self._orders: tuple[Order, ...] = (self._activate, self._home)
         events, actions = self._events(), self._actions()
 
         def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
@@ -110,9 +108,8 @@ class Positioner:
         for happened, act, row in self._table[self.state][calm]:
             if happened():
                 act()
-                self._effective &= ~row.lost
                 if row.lost:
-                    self._note_lacking(row.lost)
+                    self._lose(row.lost)
                 self.state = row.target
                 break
 
@@ -122,27 +119,41 @@ class Positioner:
         return self.request.commands & ~self._commands
 
     def _follow_bits(self, *, operating: bool) -> None:
-        """The commands or the operation have changed: a bit at 0 has no effect and is not early."""
-        commands = self.request.commands
-        self._effective &= commands
-        self._early = self._early & commands if operating else commands
+        """The commands or the operation have changed."""
+        for order in self._orders:
+            order.follow(self.request.commands, operating=operating)
+
+    def _in(self, stages: int) -> int:
+        """The bits of the orders in these stages."""
+        bits = 0
+        for order in self._orders:
+            if order.stage & stages:
+                bits |= order.bit
+        return bits
+
+    def _lose(self, bits: int) -> None:
+        """These bits have lost their effect."""
+        for order in self._orders:
+            if order.bit & bits:
+                order.lose()
+        self._note_lacking(bits)
 
     @property
-    def waiting(self) -> int:
-        """Bits of ``FUNCTIONS`` whose function will start."""
+    def taken(self) -> int:
+        """Bits of ``FUNCTIONS`` that have an effect without their order."""
         raise NotImplementedError
 
     @property
     def ignored(self) -> int:
         """Bits of ``FUNCTIONS`` that are 1 without an effect."""
         commands = self.request.commands & self.FUNCTIONS
-        return commands & ~(self._effective | self.waiting) if commands else 0
+        return commands & self._in(Stage.IGNORED) & ~self.taken if commands else 0
 
     def reason_of_ignored(self) -> Reason | None:
         """What the first of them lacks."""
         ignored = self.ignored
         if ignored & ACTIVATE:
-            return Reason.EARLY_EDGE if self._early & ACTIVATE else Reason.LOST_EDGE
+            return Reason.EARLY_EDGE if self._activate.stage == Stage.EARLY else Reason.LOST_EDGE
         if ignored & HOME:
             return Reason.LOST_HOMING
         return Reason.LOST_JOG if ignored else None
@@ -156,26 +167,28 @@ class Positioner:
         elif state in SELECTABLE or state is _OFF:
             runs = Lack("its task was rejected")
         commands = self.request.commands
-        for bit in (ACTIVATE, HOME, JOGS):
-            if bits & bit:
-                zeros = tuple(
-                    name
-                    for command, name in self.NEEDED.items()
-                    if not commands & command and (bit == ACTIVATE or command != _NO_INTERMEDIATE_STOP)
-                )
-                if bit == JOGS and commands & JOGS == JOGS:
-                    self._lacked[bit] = Lack("both were 1")
-                else:
-                    lack = Lack(f"{equation(zeros, 0)} at its edge or after it", zeros)
-                    self._lacked[bit] = lack if zeros else runs
+        for order in self._orders:
+            jogs = order.bit & JOGS
+            if not bits & (JOGS if jogs else order.bit):
+                continue
+            zeros = tuple(
+                name
+                for command, name in self.NEEDED.items()
+                if not commands & command and (order is self._activate or command != _NO_INTERMEDIATE_STOP)
+            )
+            if jogs and commands & JOGS == JOGS:
+                order.lack = Lack("both were 1")
+            else:
+                lack = Lack(f"{equation(zeros, 0)} at its edge or after it", zeros)
+                order.lack = lack if zeros else runs
 
     def lack(self, bits: int) -> Lack:
         """Why the last edge of one of these bits started nothing; with none of them, the function that runs."""
         if not bits:
             return Lack(self.state.value)
-        if self._early & bits:
+        if self._in(Stage.EARLY) & bits:
             return Lack("it was 1 before operation")
-        return self._lacked.get(bits | JOGS if bits & JOGS else bits, Lack("its task was rejected"))
+        return next(order.lack for order in self._orders if order.bit & bits)
 
     def _homing_is(self, result: HomingResult) -> bool:
         return self.seen.taken >= self.course.motion.serial and self.seen.homing is result

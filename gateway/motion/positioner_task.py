@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 
 from pdgw.gateway.base.reasons import Reason
@@ -33,6 +34,14 @@ class Task:
             and request.deceleration == own.deceleration
             and not (request.commands ^ own.commands) & DIRECTIONS
         )
+
+
+class Acknowledge(enum.Enum):
+    """Acknowledgement of a task, while STW1.6 is still 1 after its edge."""
+
+    NONE = "none"
+    OWED = "not shown yet"
+    SHOWN = "shown"
 
 
 def captured(request: PositionerRequest, chain: BlockChain, course: UserCourse) -> Task:

@@ -26,9 +26,10 @@ from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.basic_positioner import BasicPositioner
+from pdgw.gateway.motion.function_orders import Jogs
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import ACTIVATE, HOME
-from pdgw.gateway.motion.requests import Command, Motion, PositionerRequest
+from pdgw.gateway.motion.requests import Motion, PositionerRequest
 from pdgw.gateway.motion.states import Event
 from pdgw.profidrive.sign_of_life import SignOfLife
 from tests.long.planted import FOLLOW, LOCKS, Patch, Plant, each_cell, replaced, row, wrapped
@@ -165,11 +166,11 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
     ),
     "standing jog bit starts": (
         Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
-        replaced(BasicPositioner, "_jog_asked", lambda self: self._jog_bit() > 0),
+        replaced(Jogs, "wait", lambda self, commands: self.alone(commands) > 0),
     ),
     "jog goes on without its bit": (
         Narrow(110, jog=True, tick_ns=LONG_TICK_NS),
-        replaced(BasicPositioner, "_jog_bit", lambda self: self._jog or Command.JOG_1_ON),
+        wrapped(BasicPositioner, "_events", lambda method, self: method(self) | {Event.JOG_RELEASED: lambda: False}),
     ),
     "handshake waits without a reason": (
         Narrow(9, tick_ns=LONG_TICK_NS),

@@ -46,6 +46,7 @@ from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED
 from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.motion.basic_positioner import BasicPositioner
 from pdgw.gateway.motion.chain import BlockChain
+from pdgw.gateway.motion.function_orders import EdgeOrder, JogOrder, Order, Stage
 from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import RISING, Positioner
 from pdgw.gateway.motion.requests import Motion, PositionerFeedback
@@ -187,12 +188,14 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "SUPERVISION": frozenset({"known_off"}),
     },
     BlockChain: {"INSTANTS": {"_wait_until": 0}},
-    # Only a reason is made of the last three.
     Positioner: {
         "PASSING": frozenset({"request", "seen"}),
         "BITS": {"_commands": RISING},
-        "ASIDE": frozenset({"_lacked", "_early", "_effective"}),
     },
+    # Only a reason is made of the other stages, and of what an order lacked.
+    Order: {"ASIDE": frozenset({"lack"})},
+    EdgeOrder: {"BITS": {"stage": Stage.WAITS}},
+    JogOrder: {"BITS": {"stage": Stage.READY | Stage.RUNS}},
     BasicPositioner: {"INSTANTS": {"_homing_until": 0}, "PASSING": frozenset({"_now"})},
     PositionerFeedback: {"SERIALS": frozenset({"given", "taken", "executing"}), "PASSING": frozenset({"bits"})},
     Motion: {"SERIALS": frozenset({"serial", "first"})},
