@@ -7,7 +7,6 @@ cams, homing direction, and handshakes and mode changes of the drive (executors)
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable
 from functools import partial
 from typing import Final
@@ -18,6 +17,7 @@ from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.function_orders import Jogs, Stage
 from pdgw.gateway.motion.modulo import Direction
+from pdgw.gateway.motion.passive_homing import PassiveHoming, Progress
 from pdgw.gateway.motion.positioner import ACTIVATE, HOME, RISING, SELECTABLE, Positioner
 from pdgw.gateway.motion.positioner_task import Acknowledge, Task, captured
 from pdgw.gateway.motion.positioner_words import (
@@ -50,11 +50,10 @@ _SOFTWARE_LIMITS, _HARDWARE_LIMITS = Command.SOFTWARE_LIMITS, Command.HARDWARE_L
 _PASSIVE_HOMING: Final = Command.PASSIVE_HOMING
 _REFER: Final = Command.SET_REFERENCE_POINT
 _UNDER_ORDERS: Final = Seen.OPERATING | Seen.ASKED
-_ON_THE_FLY: Final = HOME | _PASSIVE_HOMING
 _UPDATES: Final = Command.CONTINUOUS_UPDATE | ACTIVATE
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
 """Functions an intermediate stop keeps, and an edge during it replaces."""
-_STANDSTILL = Seen.STANDSTILL
+_STANDSTILL, _WAITS = Seen.STANDSTILL, Stage.WAITS
 _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLOCK: State.BLOCK}
 _OFF, _IDLE, _MDI, _SETTING_UP = State.OFF, State.IDLE, State.MDI, State.SETTING_UP
 _HOMING, _TRACKING = State.HOMING, State.TRACKING
@@ -63,18 +62,8 @@ _WITHOUT_MOTION = (State.OFF, State.IDLE, State.TRACKING)
 """Nothing moves the axis: its reference point may be set."""
 _WITHOUT_REFERENCE: Final = (Reason.REFERENCE_POINT_MOVING, Reason.PASSIVE_HOMING_NOT_SUPPORTED)
 """Warnings of an order for a reference point; the next one that is carried out ends them."""
-
-
-class PassiveHoming(enum.Enum):
-    """Homing at the edge of a probe, while anything runs."""
-
-    OFF = "not requested"
-    ARMED = "waits for the edge"
-    OVER = "has ended, and is still requested"
-
-
 _NOT_OWED, _SHOWN = Acknowledge.NONE, Acknowledge.SHOWN
-_NOT_PASSIVE, _ARMED, _OVER = PassiveHoming.OFF, PassiveHoming.ARMED, PassiveHoming.OVER
+_NOT_PASSIVE, _ARMED = Progress.OFF, Progress.ARMED
 
 
 class BasicPositioner(Positioner):
@@ -94,8 +83,7 @@ class BasicPositioner(Positioner):
         self._acknowledge = Acknowledge.NONE
         self._homing_until = 0
         """End of POS_ZSW1.11 = 1, monotonic ns; 0: it has ended."""
-        self._passive_homing = PassiveHoming.OFF
-        self._probe: int | Reason | None = None
+        self._passive_homing = PassiveHoming()
         super().__init__(course, TRANSITIONS)
         jogs = self._jogs = Jogs()
         self._orders += (jogs.first, jogs.second)
@@ -115,7 +103,7 @@ class BasicPositioner(Positioner):
                 self.request.commands & _JOG_INCREMENTAL and self._jogs.wait(self.request.commands)
             ),
             Event.JOG_RELEASED: lambda: self._jogs.released(self.request.commands),
-            Event.HOMING: lambda: self._home.stage == Stage.WAITING,
+            Event.HOMING: lambda: self._home.stage & _WAITS,
             Event.HOMING_ATTAINED: lambda: self._homing_is(HomingResult.ATTAINED),
             Event.HOMING_FAILED: lambda: self._homing_is(HomingResult.FAILED),
             Event.TRACKING: lambda: self.request.commands & _TRACKS,
@@ -140,12 +128,12 @@ class BasicPositioner(Positioner):
 
     def latch(self, probe: int | Reason | None) -> None:
         """Set the position at the edge of the armed probe, or why there is none; None: not yet."""
-        self._probe = probe
+        self._passive_homing.probe = probe
 
     @property
     def armed(self) -> bool:
         """The probe is to be armed: passive homing."""
-        return self._passive_homing is _ARMED
+        return self._passive_homing.progress is _ARMED
 
     @property
     def acknowledged(self) -> bool:
@@ -159,7 +147,7 @@ class BasicPositioner(Positioner):
         if state is _MDI:
             return self.travel.arrived()
         rests = (state is _IDLE or state is _TRACKING) and self.seen.bits & _STANDSTILL != 0
-        return rests and self._activate.task is None and self._home.stage != Stage.WAITING
+        return rests and self._activate.task is None and not self._home.stage & _WAITS
 
     def forget_home(self) -> None:
         super().forget_home()
@@ -174,7 +162,7 @@ class BasicPositioner(Positioner):
         course.look()
         if commands != self._commands or operating is (self.state is _OFF):
             self._read_request()
-        if (commands & HOME or self._passive_homing is not _NOT_PASSIVE) and self.state is not _OFF:
+        if (commands & HOME or self._passive_homing.progress is not _NOT_PASSIVE) and self.state is not _OFF:
             self._home_on_the_fly()
         calm = operating and commands & _DO_NOT_REJECT != 0 and self._activate.task is None
         self._take_transition(calm)
@@ -187,7 +175,7 @@ class BasicPositioner(Positioner):
             course.follow(request, now)
         if (state is _IDLE or state is _TRACKING) and (not commands & ACTIVATE or self._shown is _OFF):
             self._shown = _IDLE
-        if now >= self._homing_until:
+        if self._homing_until and now >= self._homing_until:
             self._homing_until = 0
         return self._reason(commands)
 
@@ -202,7 +190,7 @@ class BasicPositioner(Positioner):
 
     @property
     def taken(self) -> int:
-        return 0 if self._passive_homing is _NOT_PASSIVE else HOME
+        return 0 if self._passive_homing.progress is _NOT_PASSIVE else HOME
 
     # -- inputs ---------------------------------------------------------------------------------------------------------
 
@@ -315,8 +303,7 @@ class BasicPositioner(Positioner):
 
     def _drop(self) -> None:
         self._forget()
-        if self._passive_homing is _ARMED:
-            self._passive_homing = _OVER
+        self._passive_homing.drop()
         self._acknowledge = _NOT_OWED
         self._shown = _OFF
         self._chain.outputs = 0
@@ -339,7 +326,7 @@ class BasicPositioner(Positioner):
     def _start(self) -> None:
         task = self._activate.task
         assert task is not None, "the rows with a start follow an edge"
-        homing_waits = self._home.stage == Stage.WAITING
+        homing_waits = self._home.stage & _WAITS
         self._forget()
         self.warn(Reason.FUNCTION_RUNS if homing_waits else None)
         self._task = task
@@ -412,17 +399,11 @@ class BasicPositioner(Positioner):
 
     def _home_on_the_fly(self) -> None:
         """STW1.11 with POS_STW2.8: the probe gives the offset while anything runs; a task keeps its target in the drive."""
-        probe = self._probe
-        if self.request.commands & _ON_THE_FLY != _ON_THE_FLY:
-            self._passive_homing = _NOT_PASSIVE
-        elif self._passive_homing is _NOT_PASSIVE:
-            self._passive_homing = _ARMED
-        elif self._passive_homing is _ARMED and probe is not None:
-            self._passive_homing = _OVER
-            if isinstance(probe, Reason):
-                self.warn(probe)
-            else:
-                self._refer(probe)
+        found = self._passive_homing.step(self.request.commands)
+        if isinstance(found, Reason):
+            self.warn(found)
+        elif found is not None:
+            self._refer(found)
 
     # -- outputs --------------------------------------------------------------------------------------------------------
 
@@ -440,7 +421,7 @@ class BasicPositioner(Positioner):
             first |= block.number
         if state is _HOMING or self._homing_until:
             first |= HOMING_SHOWN
-        if self._passive_homing is _ARMED:
+        if self._passive_homing.progress is _ARMED:
             first |= PASSIVE_HOMING_SHOWN
         if self.request.commands & _HARDWARE_LIMITS:
             first |= limit_bits(seen)

@@ -131,7 +131,7 @@ class Jogs:
 
     def wait(self, commands: int) -> bool:
         """One of them will start: its edge has come, and its bit is the only one."""
-        return self.alone(commands) & self.are(Stage.WAITS) != 0
+        return commands & JOGS != 0 and self.alone(commands) & self.are(Stage.WAITS) != 0
 
     def released(self, commands: int) -> bool:
         """The bit of the one that runs is 0, or not the only one."""

@@ -25,6 +25,8 @@ _DISTURBANCES = frozenset(
 """Events that are impossible in a calm step: in operation, not rejected, without the edge of a task."""
 _Row = tuple[Callable[[], int], Callable[[], None], Transition]
 _OFF = State.OFF
+_IGNORED: Final = Stage.IGNORED
+_EARLY: Final = Stage.EARLY
 SELECTABLE = (State.IDLE, State.BRAKING)
 """Nothing else runs: the selected mode is shown."""
 
@@ -146,14 +148,19 @@ class Positioner:
     @property
     def ignored(self) -> int:
         """Bits of ``FUNCTIONS`` that are 1 without an effect."""
-        commands = self.request.commands & self.FUNCTIONS
-        return commands & self._in(Stage.IGNORED) & ~self.taken if commands else 0
+        commands = self.request.commands
+        ignored = ACTIVATE if commands & ACTIVATE and self._activate.stage & _IGNORED else 0
+        if commands & HOME and self._home.stage & _IGNORED:
+            ignored |= HOME
+        if commands & JOGS:
+            ignored |= commands & JOGS & self._in(_IGNORED)
+        return ignored and ignored & ~self.taken
 
     def reason_of_ignored(self) -> Reason | None:
         """What the first of them lacks."""
         ignored = self.ignored
         if ignored & ACTIVATE:
-            return Reason.EARLY_EDGE if self._activate.stage == Stage.EARLY else Reason.LOST_EDGE
+            return Reason.EARLY_EDGE if self._activate.stage == _EARLY else Reason.LOST_EDGE
         if ignored & HOME:
             return Reason.LOST_HOMING
         return Reason.LOST_JOG if ignored else None
@@ -186,7 +193,7 @@ class Positioner:
         """Why the last edge of one of these bits started nothing; with none of them, the function that runs."""
         if not bits:
             return Lack(self.state.value)
-        if self._in(Stage.EARLY) & bits:
+        if self._in(_EARLY) & bits:
             return Lack("it was 1 before operation")
         return next(order.lack for order in self._orders if order.bit & bits)
 
