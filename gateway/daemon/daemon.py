@@ -581,10 +581,9 @@ class Daemon:
         if self._stopping:
             link.lose_setpoints()  # IOCS reports it
         self.cycles += 1
-        cycle = self.cycle_ns
         answered = 0
         # Answer the PLC first, which waits for it; a drive waits only for the bus.
-        if accepted or self._stopping or now - self._last_sent >= 2 * cycle:
+        if accepted or self._stopping or now - self._last_sent >= 2 * self.cycle_ns:
             link.send(actuals, good, now)
             self._last_sent = now
             answered = self.loop.now()
@@ -594,23 +593,29 @@ class Daemon:
         for producer in self.sync_producers.values():
             producer.send()
         self.watch.cycle(now, accepted, answered, link.age_ns if accepted else None)
+        self._await_next(now, accepted)
+        if self._stopping:
+            self._await_power_off(now)
+
+    def _await_next(self, now: int, accepted: bool) -> None:
+        """Set when the next cycle is due, and what the buses do until then."""
+        cycle = self.cycle_ns
         expected = now + (max(cycle, IDLE_NS) if not accepted and self._idles() else cycle)
-        self._deadline = expected + cycle // 2 if accepted else expected
+        deadline = self._deadline = expected + cycle // 2 if accepted else expected
         due = self._due
-        if due is not None and self._deadline < due.when:  # the gateway was idle
-            due.cancel()
-            self._due = self.loop.call_at(self._deadline, self._on_due)
-        elif due is not None:
-            due.postpone(self._deadline)
+        if due is not None:
+            if deadline < due.when:  # the gateway was idle
+                due.cancel()
+                self._due = self.loop.call_at(deadline, self._on_due)
+            else:
+                due.postpone(deadline)
         for network in self._buses:
             network.checks.run_before(expected)
-        if (together := link.takes_together) or self._together:
+        if (together := self.link.takes_together) or self._together:
             self._together = together
             for network in self._buses:
                 network.listen(now, on=not together)
         self.loop.pace(expected)
-        if self._stopping:
-            self._await_power_off(now)
 
     def _note_supply(self, item: DriveObject, index: int, now: int) -> None:
         """The setpoints of a drive object end, or come again."""

@@ -157,16 +157,7 @@ class StopWatch:
             self.began = now
             self._speed = self.reference
         at = velocity_ns
-        if self._line_at < 0:
-            if at >= self.began:
-                self._line_at = self._at = self._slow = at
-                self._speed, self._spared = speed, 0
-                self._growth.restart(speed, at)
-                self._stop_growth.restart(speed, at)
-        elif at - self._line_at <= self._reaction:
-            self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
-            if order is Order.HALT:
-                self._growth.restart(speed, at)
+        self._follow_line(order, speed, at)
         measured = self._line_at >= 0
         if measured and order is Order.ZERO:
             self._spared += self._evidence.spares(-window, window, at - self._at)
@@ -240,6 +231,19 @@ class StopWatch:
         return False
 
     # -- the speed ------------------------------------------------------------------------------------------------------
+
+    def _follow_line(self, order: Order, speed: int, at: int) -> None:
+        """The line begins with the first speed after the order, and rises with the speed in the reaction time."""
+        if self._line_at < 0:
+            if at >= self.began:
+                self._line_at = self._at = self._slow = at
+                self._speed, self._spared = speed, 0
+                self._growth.restart(speed, at)
+                self._stop_growth.restart(speed, at)
+        elif at - self._line_at <= self._reaction:
+            self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
+            if order is Order.HALT:
+                self._growth.restart(speed, at)
 
     def _grows(self, order: Order, speed: int, window: int, now: int) -> bool:
         """Whether the drive becomes faster although Halt or Quick Stop is commanded."""

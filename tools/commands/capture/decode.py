@@ -109,11 +109,7 @@ def decode(
                 raise GatewayError(f"{name}: not allowed with --parquet FOLDER, which is a table of whole files")
         _write_data_set(files, parquet, options)
         return
-    if files and not Path(files[0]).exists() and set("".join(files)) <= set(hexdigits):
-        raise GatewayError(f"{files[0]}: not a file; hexadecimal data: pdgw decode --hex '{' '.join(files)}'")
-    if files and (len(files) > 1 or Path(files[0]).is_dir()):
-        raise GatewayError("several files need --parquet FOLDER and --signal; or give one file")
-    file = files[0] if files else None
+    file = _only(files) if files else None
     embedded = configuration_in(Path(file)) if file is not None and config is None and not telegram else ""
     if embedded:
         _print_notices([f"the configuration of the gateway is read from {file}"])
@@ -143,6 +139,15 @@ def decode(
         if source.size is None:
             _line_buffered()
         _run(source, Decoder(settings), selection, writers, (begin, end), zero_ns)
+
+
+def _only(files: Sequence[str]) -> str:
+    """The only file; GatewayError for several, and for data in its place."""
+    if not Path(files[0]).exists() and set("".join(files)) <= set(hexdigits):
+        raise GatewayError(f"{files[0]}: not a file; hexadecimal data: pdgw decode --hex '{' '.join(files)}'")
+    if len(files) > 1 or Path(files[0]).is_dir():
+        raise GatewayError("several files need --parquet FOLDER and --signal; or give one file")
+    return files[0]
 
 
 def _hex_packets(text: str, telegrams: list[int]) -> tuple[list[Packet], list[int]]:

@@ -55,6 +55,10 @@ _FUNCTION_BITS: Final = tuple(
 )
 """Bits of STW1 by command."""
 _RAMPS = (Action.RAMP, Action.RAMP_END)
+_ENABLE_OPERATION, _HOMING, _TASK_AT_LIMIT = Action.ENABLE_OPERATION, State.HOMING, Reason.TASK_AT_LIMIT
+_OPERATING: Final = Seen.OPERATING
+_STANDSTILL: Final = Seen.STANDSTILL
+_INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _VELOCITY_MODE: Final = Mode.VELOCITY.value
 _STALLED: Final = warning_bits(FaultNumber.STALLED)
 _MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
@@ -306,18 +310,18 @@ class MotionExecutor(Executor):
         """Run one cycle: state of the axis, commands, Controlword and mode. Returns why nothing moves just now."""
         interlock, mode, seen, positioner, inputs = self.interlock, self._mode, self._seen, self.positioner, self.inputs
         action, before, statusword = interlock.cell.action, positioner.state, self.feedback.statusword
-        operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[statusword & STATE_MASK]
+        operates = action is _ENABLE_OPERATION and OPERATION_ENABLED[statusword & STATE_MASK]
         bits = 0
         if operates:
             self.outputs.reason = None
-            bits = Seen.OPERATING
+            bits = _OPERATING
         elif self._asked.connected and self._asked.in_control:
             bits = Seen.ASKED
         mode.read()
         self._taking.read(self._acknowledges, inputs.now)
         if inputs.standstill:
             if self._position_follows(self._turned_at):
-                bits |= Seen.STANDSTILL
+                bits |= _STANDSTILL
         else:
             self._turned_at = inputs.now
             if not inputs.standstill_unknown:
@@ -325,15 +329,13 @@ class MotionExecutor(Executor):
                 self._effect.withdraw()
                 if self._stopped_by_halt is _UNMOVED:
                     self._stopped_by_halt = _STOPPED
-        if statusword & StatusBit.INTERNAL_LIMIT:
+        if statusword & _INTERNAL_LIMIT:
             bits |= Seen.INTERNAL_LIMIT
         seen.bits = bits | self._read_state()
         reason = positioner.step(self._asked.motion, inputs.now)
         if positioner.state is not self._function:
-            self._function, self._function_since = positioner.state, inputs.now
-            if self._function is State.HOMING:
-                self._home_lost = 0
-        if positioner.course.held is Reason.TASK_AT_LIMIT:
+            self._note_function(positioner.state)
+        if positioner.course.held is _TASK_AT_LIMIT:
             self.outputs.warn(FaultNumber.INTERNAL_LIMIT, AT_LIMIT_TEXT)
         else:
             self.outputs.end_warnings(AT_LIMIT)
@@ -356,11 +358,17 @@ class MotionExecutor(Executor):
             self.outputs.end_warnings(_STALLED)
         if not self._blocked:
             self._blocked_at = inputs.now
-        if before is State.HOMING and positioner.state is not State.HOMING:
+        if before is _HOMING and positioner.state is not _HOMING:
             self._forget_homing()
         self.command.controlword = interlock.controlword | extra
         self.command.modes_of_operation = mode.mode
         return reason
+
+    def _note_function(self, function: State) -> None:
+        """Another function runs from now on."""
+        self._function, self._function_since = function, self.inputs.now
+        if function is _HOMING:
+            self._home_lost = 0
 
     def _read_state(self) -> int:
         """Read the state of the drive. Returns bits of ``Seen``."""
