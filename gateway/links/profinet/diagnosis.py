@@ -5,6 +5,7 @@ Source: CiA DS 301 and DSP 402 (error codes of EMCY), PROFIdrive profile (messag
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import MappingProxyType
 from typing import Final, Protocol
 
@@ -12,6 +13,8 @@ from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.profinet.blocks.alarm import MessageClass
+from pdgw.profinet.device import ProfinetDevice
+from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
 
 MESSAGE_CLASSES: Final = MappingProxyType(
     {
@@ -78,3 +81,31 @@ def present_classes(item: Diagnosed) -> set[MessageClass]:
     if item.client.status is not NodeStatus.ONLINE:
         found.add(MessageClass.INTERNAL_COMMUNICATION)
     return found
+
+
+class DiagnosisReport:
+    """Reports the problems of the drive objects as diagnosis of their access points."""
+
+    def __init__(self, device: ProfinetDevice, objects: Sequence[Diagnosed]) -> None:
+        self._device = device
+        self._objects = objects
+        self._reported: list[set[MessageClass]] = [set() for _ in objects]
+
+    def report(self) -> bool:
+        """Report what has begun or ended since the last report; whether there was anything."""
+        changed = False
+        for index, item in enumerate(self._objects):
+            present = present_classes(item)
+            reported = self._reported[index]
+            if present == reported:
+                continue
+            point = (index + 1, ACCESS_POINT_SUBSLOT)
+            for number in reported - present:
+                self._device.clear_diagnosis(point, number)
+            for number in present - reported:
+                self._device.set_diagnosis(point, number)
+            if MessageClass.INTERNAL_COMMUNICATION in reported - present:
+                self._device.returned((index + 1, TELEGRAM_SUBSLOT))
+            self._reported[index] = present
+            changed = True
+        return changed

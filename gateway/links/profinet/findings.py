@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.loop import Loop
@@ -17,9 +17,12 @@ from pdgw.profinet.connection.cpm import STATUS_IGNORE, Consumer, Verdict
 from pdgw.profinet.device import Refused
 from pdgw.profinet.model import ACCESS_POINT_IDENT, TELEGRAM_IDENT, Module, ObjectKind, Submodule
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
+from pdgw.profinet.station import Station
 
 _NAMED_NS: Final = 30 * SECOND
 """Time for which frames that did not count are the cause."""
+_DIFFERENCES: Final = 3
+"""Differences of other slots that are named; the log has all."""
 START_UP: Final = {
     State.PARAMETERISING: (
         "but its PrmEnd has not come",
@@ -74,6 +77,34 @@ def of_end(relation: ApplicationRelation, ended: Ended, now: int) -> Finding:
             Reason.NO_RELATIONSHIP, f"{text}: the {_controller(relation)} has connected, {phase[0]}", (phase[1],)
         )
     return Finding.of(Reason.PLC_LOST, text)
+
+
+class EndedRelationship(NamedTuple):
+    """A relationship that has ended."""
+
+    finding: Finding
+    """Why."""
+    owner: str
+    """Address of its controller."""
+
+
+def without_relationship(
+    station: Station, interface: str | None, refused: Refused | None, ended: EndedRelationship | None
+) -> Finding:
+    """Why there is no relationship. ``refused``: the newest Connect that was; ``ended``: the newest relationship."""
+    if not station.link_up:
+        text = f"the Ethernet cable of {interface} is off"
+        return Finding.of(Reason.NO_RELATIONSHIP, text, "plug the cable; check the switch and the controller's port")
+    if refused is not None and (ended is None or ended.owner == refused.host):
+        return of_refused(refused)
+    if not station.name:
+        text = "this device has no name of station"
+        return Finding.of(Reason.NO_RELATIONSHIP, text, "give it the name of the controller's project (DCP)")
+    if ended is not None:
+        end, beside = ended.finding, "" if refused is None else f"; {refused.text}"
+        lost = "PLC lost: " if end.reason is Reason.PLC_LOST else ""
+        return end._replace(evidence=f"{lost}{end.evidence}{beside}")
+    return Finding.of(Reason.NO_RELATIONSHIP, f"no controller has connected to the name of station {station.name}")
 
 
 # -- frames -----------------------------------------------------------------------------------------------------------
@@ -140,6 +171,12 @@ def differences(expected: Iterable[ExpectedSlot], modules: Mapping[int, Module])
             text = _name if _name(theirs) != _name(ours) else _content
             found[slot] = f"slot {slot}: the controller's project has {text(theirs)}, configured is {text(ours)}"
     return found
+
+
+def of_differences(texts: Mapping[int, str], slot: int) -> Finding:
+    """Why the drive object of a slot has no setpoints: what its slot has, then some others."""
+    others = [text for other, text in texts.items() if other != slot]
+    return Finding.of(Reason.NO_RELATIONSHIP, "; ".join([*filter(None, [texts.get(slot)]), *others[:_DIFFERENCES]]))
 
 
 def _agree(theirs: Module | None, ours: Module | None) -> bool:

@@ -26,19 +26,16 @@ from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.gateway.links.link import AT_ONCE, FrameRecorder, Link, discard_waiting, is_punctual, silence, watch_calls
 from pdgw.gateway.links.losses import RepeatedLosses
 from pdgw.gateway.links.profinet import findings
-from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
+from pdgw.gateway.links.profinet.diagnosis import Diagnosed, DiagnosisReport
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import Pairing
 from pdgw.gateway.links.profinet.relationship import Places, Relationship
 from pdgw.gateway.links.profinet.station import StationKeeper, profinet_model
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
-from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.connection.cmdev import ApplicationRelation, Event
+from pdgw.profinet.connection.cmdev import Event
 from pdgw.profinet.connection.cpm import Verdict
-from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
-from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
 from pdgw.profinet.station import Station
@@ -53,8 +50,6 @@ _EARLY_NS: Final = 5 * MS
 _NOT_IN_FORCE: Final = -1
 """Instead of the orders of a frame that did not count: the next frame is a step of the axes."""
 _HELD_UP: Final = "the gateway was held up for longer than the watchdog time, and frames waited meanwhile"
-_DIFFERENCES: Final = 3
-"""Differences of other slots that are named; the log has all."""
 
 
 class Served(Diagnosed, Protocol):
@@ -100,7 +95,6 @@ class ProfinetLink(Link):
         self._received_at = 0
         self.more = True
         """Data after a punctual frame is processed in the next turn, which saves one system call in each cycle."""
-        self._reported: list[set[MessageClass]] = [set() for _ in objects]
         self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
         self._places: Places | None = None
@@ -109,11 +103,8 @@ class ProfinetLink(Link):
         self.recorder: FrameRecorder | None = None
         self.log_event: Callable[[str], object] = lambda _: None
         self.watchdog_expiries = 0
-        self._end: Finding | None = None
-        self._owner = ""
-        """Reason of the end of the newest relationship, and the address of its controller."""
-        self._differences: dict[int, str] = {}
-        """Of the controller's project, by slot."""
+        self._ended: findings.EndedRelationship | None = None
+        """The newest one, until the next one begins."""
         self._unreported = ""
         """Reason of a loss that the axes have not seen yet: until then no setpoints count."""
         self._keeper = StationKeeper(port, transport, store, loop)
@@ -129,6 +120,7 @@ class ProfinetLink(Link):
             boot_time=int(loop.wall()) & 0xFFFFFFFF,
             give_ip=self._keeper.give_ip,
         )
+        self._diagnosis = DiagnosisReport(self.device, objects)
         self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was aborted")
         watch_calls(self.device.cm.server, loop.counters, "calls")
         self._register_counters(loop.counters)
@@ -247,7 +239,7 @@ class ProfinetLink(Link):
         if self._unreported:
             loss, self._unreported = self._unreported, ""
         elif relationship is None or relationship.consumer.data_ns is None:
-            loss = "" if self._end is None else self._end.evidence
+            loss = "" if self._ended is None else self._ended.finding.evidence
         else:
             limit_ns = relationship.limit_ns
             if now - relationship.consumer.data_ns <= limit_ns:
@@ -272,7 +264,8 @@ class ProfinetLink(Link):
         if relation is not None and relation.state in findings.START_UP:
             return findings.of_start_up(relation, self._loop)
         if relation is None or relationship is None:
-            return self._without_relationship(now)
+            transport, refused = self._config.transport, self._keeper.refused(now)
+            return findings.without_relationship(self.station, transport.interface, refused, self._ended)
         if (repeated := self._losses.finding(now)) is not None:
             return repeated
         if not self._receivable:
@@ -283,29 +276,8 @@ class ProfinetLink(Link):
         if index is None or self.setpoints[index] is not None:
             return None
         if all(index != known for known, *_ in relationship.outputs):
-            own = self._differences.get(index + 1)
-            others = [text for slot, text in self._differences.items() if slot != index + 1]
-            return Finding.of(Reason.NO_RELATIONSHIP, "; ".join([*filter(None, [own]), *others[:_DIFFERENCES]]))
+            return findings.of_differences(relationship.differences, index + 1)
         return Finding.of(Reason.PLC_BAD) if self._receivable else None
-
-    def _without_relationship(self, now: int) -> Finding:
-        station = self.station
-        if not station.link_up:
-            text = f"the Ethernet cable of {self._config.transport.interface} is off"
-            return Finding.of(
-                Reason.NO_RELATIONSHIP, text, "plug the cable; check the switch and the controller's port"
-            )
-        refused = self._keeper.refused(now)
-        if refused is not None and self._owner in ("", refused.host):
-            return findings.of_refused(refused)
-        if not station.name:
-            text = "this device has no name of station"
-            return Finding.of(Reason.NO_RELATIONSHIP, text, "give it the name of the controller's project (DCP)")
-        if self._end is not None:
-            beside = "" if refused is None else f"; {refused.text}"
-            lost = "PLC lost: " if self._end.reason is Reason.PLC_LOST else ""
-            return self._end._replace(evidence=f"{lost}{self._end.evidence}{beside}")
-        return Finding.of(Reason.NO_RELATIONSHIP, f"no controller has connected to the name of station {station.name}")
 
     @property
     def age_ns(self) -> int | None:
@@ -320,7 +292,10 @@ class ProfinetLink(Link):
         relation = self.device.relation
         if relation is not None and relation.provider is not None:
             # Filled from the Connect on: the data must be valid at ApplicationReady.
-            self._fill(relation, relation.provider, actuals, good)
+            places = self._places
+            if places is None or relation is not places.relation:
+                places = self._places = Places(relation, relation.provider, self._telegrams)
+            places.fill(actuals, good)
         if self._answering:
             pairing = self._pairing
             lead = 0 if pairing is None else pairing.lead
@@ -329,25 +304,6 @@ class ProfinetLink(Link):
         if watch is not None and now + _EARLY_NS >= watch.when:
             watch.cancel()
             self._on_watch()
-
-    def _fill(
-        self,
-        relation: ApplicationRelation,
-        provider: Provider,
-        actuals: Sequence[Sequence[int]],
-        good: Sequence[bool],
-    ) -> None:
-        places = self._places
-        if places is None or relation is not places.relation:
-            places = self._places = Places(relation, provider, len(self._telegrams))
-        statuses = places.good
-        for index, telegram in enumerate(self._telegrams):
-            place = places.data[index]
-            if place is not None:
-                telegram.actuals.struct.pack_into(provider.frame, place[0], *actuals[index])
-                if statuses[index] is not good[index]:
-                    statuses[index] = good[index]
-                    provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         if self.device.relation is not None:
@@ -543,8 +499,10 @@ class ProfinetLink(Link):
                 self._release()
                 transport = self._config.transport
                 self._relationship = Relationship(relation, consumer, provider, self.port, transport, self._telegrams)
+                differences = findings.differences(relation.plan.expected, self.device.model.modules)
+                self._relationship.differences = differences
                 self._losses = RepeatedLosses(self._relationship.limit_ns)
-                self._end, self._owner = None, ""
+                self._ended = None
                 self._keeper.forget_refused()
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
@@ -555,8 +513,7 @@ class ProfinetLink(Link):
                     log.warning(
                         "the controller's cycle time is shorter than cycle_time_ms = %g", transport.cycle_time_ms
                     )
-                self._differences = findings.differences(relation.plan.expected, self.device.model.modules)
-                for text in self._differences.values():
+                for text in differences.values():
                     log.warning("%s", text)
             case Disconnected(relation, ended):
                 if self._places is not None and relation is self._places.relation:
@@ -564,11 +521,12 @@ class ProfinetLink(Link):
                 text = f"controller {relation.plan.ar.station_name} disconnected: {ended.text}"
                 log.error("%s", text)
                 self.log_event(f"PLC not connected: {text}")
-                self._end, self._owner = findings.of_end(relation, ended, self._loop.now()), relation.source[0]
+                end = findings.of_end(relation, ended, self._loop.now())
+                self._ended = findings.EndedRelationship(end, relation.source[0])
                 self._keeper.forget_refused()
                 self._release()
                 self.lose_setpoints()
-                self._report_loss(self._end.evidence)
+                self._report_loss(end.evidence)
             case _:
                 self._keeper.on_event(event, self.station.name)
 
@@ -579,22 +537,6 @@ class ProfinetLink(Link):
             pairing.end()
 
     def _on_watch(self) -> None:
-        """Report problems of the drive objects as diagnosis of their access points."""
         self._watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
-        changed = False
-        for index, item in enumerate(self._objects):
-            present = present_classes(item)
-            reported = self._reported[index]
-            if present == reported:
-                continue
-            point = (index + 1, ACCESS_POINT_SUBSLOT)
-            for number in reported - present:
-                self.device.clear_diagnosis(point, number)
-            for number in present - reported:
-                self.device.set_diagnosis(point, number)
-            if MessageClass.INTERNAL_COMMUNICATION in reported - present:
-                self.device.returned((index + 1, TELEGRAM_SUBSLOT))
-            self._reported[index] = present
-            changed = True
-        if changed:
+        if self._diagnosis.report():
             self._pump()

@@ -23,10 +23,23 @@ _SHORTEST_WATCHDOG: Final = 2
 class Places:
     """The place of input data and IOPS of each drive object in the frames of a relationship, and its IOPS."""
 
-    def __init__(self, relation: ApplicationRelation, provider: Provider, objects: int) -> None:
+    def __init__(self, relation: ApplicationRelation, provider: Provider, telegrams: Sequence[Telegram]) -> None:
         self.relation = relation
-        self.data = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, objects + 1)]
-        self.good: list[bool | None] = [None] * objects
+        self._provider = provider
+        self._telegrams = telegrams
+        self.data = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, len(telegrams) + 1)]
+        self.good: list[bool | None] = [None] * len(telegrams)
+
+    def fill(self, actuals: Sequence[Sequence[int]], good: Sequence[bool]) -> None:
+        """Set the input data of the drive objects, and their IOPS."""
+        provider, statuses = self._provider, self.good
+        for index, telegram in enumerate(self._telegrams):
+            place = self.data[index]
+            if place is not None:
+                telegram.actuals.struct.pack_into(provider.frame, place[0], *actuals[index])
+                if statuses[index] is not good[index]:
+                    statuses[index] = good[index]
+                    provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
 
 
 def _order_mask(consumer: Consumer, telegrams: Sequence[Telegram]) -> int:
@@ -55,6 +68,8 @@ class Relationship:
     ) -> None:
         self.consumer = consumer
         """Data of the controller."""
+        self.differences: dict[int, str] = {}
+        """Of the controller's project, by slot."""
         self.outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
         for index, telegram in enumerate(telegrams):
