@@ -70,6 +70,7 @@ COMPILED = (
     "gateway/links/profinet/io_device.py",
     "gateway/links/profinet/pairing.py",
     "gateway/links/profinet/relationship.py",
+    "gateway/links/profinet/traffic.py",
     "gateway/base/udp.py",
     "gateway/motion/[!_]*.py",
     "gateway/objects/axis.py",

@@ -16,7 +16,7 @@ from uuid import UUID
 
 from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
-from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
+from pdgw.ds301.loop.loop import Loop, Task, Timer
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.store import ParameterStore
@@ -31,19 +31,17 @@ from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import Pairing
 from pdgw.gateway.links.profinet.relationship import Places, Relationship
 from pdgw.gateway.links.profinet.station import StationKeeper, profinet_model
+from pdgw.gateway.links.profinet.traffic import Traffic
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.connection.cmdev import Event
 from pdgw.profinet.connection.cpm import Verdict
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
-from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
 from pdgw.profinet.station import Station
 
 log = logging.getLogger("gateway")
 
-_WAITING = 64
-"""Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
 _DIAGNOSIS_NS: Final = 50 * MS
 _EARLY_NS: Final = 5 * MS
 """The diagnosis is reported with the cycle if it is due so soon: another wake costs more."""
@@ -78,7 +76,6 @@ class ProfinetLink(Link):
         self._objects = objects
         self._telegrams = [item.telegram for item in objects]
         self._records_of: Callable[[str], RecordHandler] = lambda host: NoRecords()
-        self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(loop, _WAITING)
         self._tasks: list[Task] = []
         self._timer: Timer | None = None
         self._relationship: Relationship | None = None
@@ -120,6 +117,7 @@ class ProfinetLink(Link):
             boot_time=int(loop.wall()) & 0xFFFFFFFF,
             give_ip=self._keeper.give_ip,
         )
+        self._traffic = Traffic(port, self.device, self.station, loop)
         self._diagnosis = DiagnosisReport(self.device, objects)
         self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was aborted")
         watch_calls(self.device.cm.server, loop.counters, "calls")
@@ -359,7 +357,7 @@ class ProfinetLink(Link):
     def close(self) -> None:
         self._closed = True
         self.device.end(Event.STOPPED, self._loop.now())
-        self._send_waiting()
+        self._traffic.send(self.recorder)
         self._release()
         for task in self._tasks:
             task.kill()
@@ -371,21 +369,7 @@ class ProfinetLink(Link):
     # -- the device on the loop ---------------------------------------------------------------------------------------
 
     def _on_other(self) -> None:
-        """DCP, LLDP and RPC: bounded in each turn, so that a flood of them delays no cycle."""
-        now = self._loop.now()
-        for _ in range(AT_ONCE // 4):
-            frame = self.port.receive_other()
-            datagram = self.port.receive_datagram()
-            if frame is None and datagram is None:
-                break
-            if frame is not None:
-                self.device.on_frame(frame, now)
-                if self.recorder is not None:
-                    self.recorder.ethernet(frame)
-            if datagram is not None:
-                self._datagrams.put(datagram)
-                if self.recorder is not None:
-                    self.recorder.datagram(datagram[1], self._calls, datagram[0])
+        self._traffic.receive(self.recorder, self._loop.now())
         self._pump()
 
     def _on_carrier(self) -> None:
@@ -403,7 +387,7 @@ class ProfinetLink(Link):
     def _serve(self) -> None:
         """Calls run in a task: one that writes to the disk waits there, and the exchange continues."""
         while True:
-            data, source = self._datagrams.get()
+            data, source = self._traffic.calls.get()
             try:
                 pairing = self._pairing
                 if pairing is not None and pairing.together:
@@ -458,7 +442,7 @@ class ProfinetLink(Link):
 
     def _pump(self) -> None:
         """Send waiting frames, report events, and set the timer for the next call."""
-        self._send_waiting()
+        self._traffic.send(self.recorder)
         for event in self.device.events():
             self._on_event(event)
         due = self.device.next_deadline()
@@ -472,23 +456,6 @@ class ProfinetLink(Link):
         if pairing is not None and not exactly:
             due = pairing.wake(due)
         self._timer = self._loop.call_at(due, self._on_due)
-
-    def _send_waiting(self) -> None:
-        port = self.port
-        for address, data in self.device.outgoing():
-            if address is None:
-                port.send(data)
-                if self.recorder is not None:
-                    self.recorder.ethernet(bytes(data))
-            else:
-                port.send_datagram(bytes(data), address)
-                if self.recorder is not None:
-                    self.recorder.datagram(self._calls, address, bytes(data))
-
-    @property
-    def _calls(self) -> Address:
-        """Where calls are received."""
-        return str(self.station.ip.address), ACYCLIC_PORT
 
     def _on_event(self, event: DeviceEvent) -> None:
         match event:
