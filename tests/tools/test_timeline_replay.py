@@ -147,6 +147,23 @@ def test_unusable_input_of_a_timeline_is_one_error(files: list[str], tmp_path: P
         timeline(files, telegram=[1], offset=float("nan"))
 
 
+@pytest.mark.parametrize("cut", [0, 1])
+def test_cut_capture_is_shown_to_its_damage(
+    files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], cut: int
+) -> None:
+    timeline(files, telegram=[1], node=NODES, offset=-2.0)
+    whole = lines(capsys)
+    data = Path(files[cut]).read_bytes()
+    given = list(files)
+    given[cut] = str(tmp_path / f"cut{Path(files[cut]).suffix}")
+    Path(given[cut]).write_bytes(data[: len(data) * 3 // 4 + 5])
+    with pytest.raises(CaptureError, match=f"^{given[cut]}: "):
+        timeline(given, telegram=[1], node=NODES, offset=-2.0)
+    shown = lines(capsys)
+    assert len(shown) > 10
+    assert shown == whole[: len(shown)]
+
+
 def test_a_capture_without_drives_shows_its_calls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = profinet_daemon.configuration(axis(1), tmp_path / "store.json")
     with profinet_daemon.plant(config) as site:

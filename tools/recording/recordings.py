@@ -28,7 +28,7 @@ from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame, Parser
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.capture.knowledge import configured_settings
-from pdgw.tools.decoder.capture.pcap import configuration_in, head_of, unpacked
+from pdgw.tools.decoder.capture.pcap import CaptureError, configuration_in, head_of, unpacked
 from pdgw.tools.decoder.capture.source import STANDARD_INPUT, Source, open_source, unreadable
 from pdgw.tools.decoder.export.trace_page import TracePage
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord
@@ -158,7 +158,7 @@ _time = attrgetter("time_ns")
 
 
 def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify: Notify) -> Opening:
-    """Find axes, cycle and clocks; CaptureError for damaged captures, GatewayError for unusable ones.
+    """Find axes, cycle and clocks; GatewayError for unusable captures. ``followed`` reports damage behind the first packet.
 
     Of one file only the begin is read, several are read to their end: the offset of their clocks needs edges of both.
     """
@@ -177,7 +177,9 @@ def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify
     for file in files:
         words = TimelineBuilder(known.settings.axes, cycle_ns=USUAL_CYCLE_MS * MS)
         with open_source(file) as source:
-            packets = islice(source.packets, INFER_FROM) if len(files) == 1 else source.packets
+            packets = _until_damage(source.packets)
+            if len(files) == 1:
+                packets = islice(packets, INFER_FROM)
             for record in _decoded_from(packets, known.settings, notify):
                 first = first or [record.time_ns]
                 if isinstance(record, CyclicRecord | CanRecord):
@@ -248,11 +250,13 @@ def followed(opening: Opening, part: Part = Part()) -> Iterator[Entry | Record]:
 
 
 def write_page(opening: Opening, part: Part, path: Path) -> None:
-    """The timeline of a part as an HTML page with its curves; GatewayError when it cannot be written."""
+    """The timeline of a part as an HTML page with its curves, to its damage; GatewayError when it cannot be written."""
     page = TracePage(" ".join(Path(file).name for file in opening.files), opening.begin_ns)
-    for item in followed(opening, part):
-        page.take(item)
-    page.write(path)
+    try:
+        for item in followed(opening, part):
+            page.take(item)
+    finally:
+        page.write(path)
 
 
 def replayed(files: Sequence[str]) -> list[Replayed]:
@@ -293,13 +297,24 @@ def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Ax
     for file in files:
         with open_source(file) as source:
             decoder = Decoder(known.settings)
-            for packet in islice(source.packets, INFER_FROM):
+            for packet in islice(_until_damage(source.packets), INFER_FROM):
                 decoder.decode(packet)
         if decoder.axes:
             for notice in decoder.notices:
                 notify(notice)
             return [replace(axis, node=axis.node or axis.do_id) for axis in decoder.axes]
     return ()
+
+
+def _until_damage(packets: Iterator[Packet | CanPacket]) -> Iterator[Packet | CanPacket]:
+    """The packets before damage; CaptureError if there are none."""
+    packet = None
+    try:
+        for packet in packets:
+            yield packet
+    except CaptureError:
+        if packet is None:
+            raise
 
 
 def _decoded_from(packets: Iterable[Packet | CanPacket], settings: Settings, notify: Notify) -> Iterator[Record]:

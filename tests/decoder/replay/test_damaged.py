@@ -112,6 +112,21 @@ def test_cut_recording_is_replayed_to_its_end(whole: bytes, tmp_path: Path) -> N
     assert found.value.outcomes[0].steps > 50
 
 
+@pytest.mark.parametrize("page", [False, True])
+def test_timeline_shows_a_cut_recording_to_its_end(
+    whole: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str], *, page: bool
+) -> None:
+    blocks = list(pcapng.walk(whole))
+    _, begin, length = blocks[len(blocks) * 3 // 4]
+    file = tmp_path / "gateway.pcapng"
+    file.write_bytes(whole[: begin + length - 2])
+    html = tmp_path / "timeline.html" if page else None
+    with pytest.raises(GatewayError, match=f"^{file}: offset {begin}: "):
+        timeline([str(file)], html=html)
+    text = capsys.readouterr().out if html is None else html.read_text()
+    assert "047Eh -> 047Fh +ON" in text
+
+
 def test_compressed_recording_is_replayed_to_its_damage(
     whole: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
