@@ -59,6 +59,7 @@ COMPILED = (
     "dsp402/units/unit_watch.py",
     "dsp406/diagnosis.py",
     "dsp406/encoder.py",
+    "dsp406/settings.py",
     "gateway/axis/**/[!_]*.py",
     "gateway/daemon/daemon.py",
     "gateway/daemon/pause.py",

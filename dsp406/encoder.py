@@ -6,7 +6,7 @@ What every node needs is in ``ds301.node.client``; this adds the encoder's PDOs,
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import canopen
@@ -21,7 +21,7 @@ from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
-from pdgw.ds301.node.node import NodeNotice, NodeSettings, Notice
+from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.node.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.ds301.objects import CanType
@@ -36,25 +36,14 @@ from pdgw.dsp406.images import (
     position_of,
     speed_of,
 )
-from pdgw.dsp406.kinds import ENCODER_PROFILE, ROTARY, Dsp406Error, EncoderDevice
+from pdgw.dsp406.kinds import ENCODER_PROFILE, Dsp406Error
 from pdgw.dsp406.objects import (
     CYCLIC_TIMER,
     POSITION,
     POSITION_MULTI_SENSOR,
 )
 from pdgw.dsp406.pdos import encoder_layout
-
-
-@dataclass(frozen=True, slots=True)
-class EncoderSettings(NodeSettings):
-    """Choices for one encoder; times in milliseconds. ``tpdo_event_ms`` is its cyclic timer 6200h (1..65535)."""
-
-    channels: tuple[int, ...] = (1,)
-    """The channels to exchange, 1..254; those for which the device has no TPDO are read by SDO."""
-    device: EncoderDevice = ROTARY
-    """Whose EDS is taken when ``eds`` is None."""
-    diagnosis_ms: int = 200
-    """Interval of reading alarms and warnings; an EMCY triggers it at once."""
+from pdgw.dsp406.settings import EncoderSettings
 
 
 def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:

@@ -9,8 +9,8 @@ from typing import Annotated
 from pydantic import Field, Strict, model_validator
 
 from pdgw.base.validation import misplaced
-from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.dsp406.settings import EncoderSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, add_telegram
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.environment import Boolean, DriveObjectSection, Integer, Section, Simulated

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.node import NodeNotice, NodeStatus
-from pdgw.dsp406.encoder import EncoderClient, EncoderSettings
+from pdgw.dsp406.encoder import EncoderClient
 from pdgw.dsp406.kinds import ROTARY, EncoderDevice
+from pdgw.dsp406.settings import EncoderSettings
 from pdgw.peers.encoder import Motion, SimulatedEncoder
 from tests.support.gateways import site
 

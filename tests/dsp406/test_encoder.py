@@ -14,9 +14,10 @@ from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.node import NodeStatus, Notice
 from pdgw.ds301.objects import Entry
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
-from pdgw.dsp406.encoder import EncoderClient, EncoderSettings, load_eds
+from pdgw.dsp406.encoder import EncoderClient, load_eds
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, Dsp406Error, EncoderDevice, multi_sensor
 from pdgw.dsp406.objects import PRESET
+from pdgw.dsp406.settings import EncoderSettings
 from pdgw.peers.drive.objects import EDS_PATH as DRIVE_EDS
 from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still

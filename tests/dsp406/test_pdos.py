@@ -14,8 +14,9 @@ from pdgw.base.durations import MS
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.objects import Access, ObjectAddress, ObjectSpec
 from pdgw.dsp406.device import device_info, encoder_objects
-from pdgw.dsp406.encoder import EncoderClient, EncoderSettings, EncoderSheet
+from pdgw.dsp406.encoder import EncoderClient, EncoderSheet
 from pdgw.dsp406.kinds import MULTI_SENSOR, ROTARY, EncoderDevice
+from pdgw.dsp406.settings import EncoderSettings
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.encoder.motion import constant_speed
 from pdgw.peers.node.pdos import NodePdos
