@@ -8,11 +8,13 @@ from __future__ import annotations
 import pkgutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from pdgw.gateway import axis, motion
 from pdgw.tools.command_table import COMMANDS, EXAMPLES
+from tests.support.readers.both_buses import write_capture
 
 _IMPURE = (
     "can",
@@ -109,13 +111,16 @@ def help_of_all() -> list[str]:
 
 
 @pytest.mark.e2e
-def test_package_and_commands_import_only_what_they_need() -> None:
-    # The package itself, then the help of every command, then commands that only read, then one that decodes.
-    door, helping, reading, looking, decoding = loaded(
+def test_package_and_commands_import_only_what_they_need(tmp_path: Path) -> None:
+    # The package itself, then the help of every command, then commands that only read, then those that decode.
+    capture = tmp_path / "both.pcapng"
+    write_capture(capture, 40)
+    door, helping, reading, looking, decoding, following = loaded(
         ", ".join(["--help, -h", *help_of_all()]),
         "status 1, status --port 1, explain 1, trace list",
         "--version",
         "decode --hex 047F2000 --telegram 1",
+        f"timeline {capture} --telegram 1",
     )
     assert "pdgw.profidrive.signals" in door
     assert not door & {
@@ -135,6 +140,12 @@ def test_package_and_commands_import_only_what_they_need() -> None:
         products = {name for name in modules if any(name == top or name.startswith(f"{top}.") for top in _OF_COMMANDS)}
         assert products <= _WORDS_OF_HELP
     assert not decoding & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon.daemon", "pdgw.peers.drive"}
+    assert "pdgw.tools.decoder.timeline.builder" in following
+    replaying = {"pdgw.tools.decoder.step_replay", "pdgw.gateway.axis.machine", "pdgw.gateway.configuration.config"}
+    assert not following & {"can", "canopen", "greenlet", *replaying}
+    # A configuration needs no bus.
+    (configuring,) = python("import sys, pdgw.gateway.configuration.file; print(*sys.modules)")
+    assert not configuring & {"can", "canopen", "greenlet"}
     # The daemon loads no tools.decoder and only the transport it has.
     (daemon,) = python("import sys, pdgw.gateway.daemon.assembly; print(*sys.modules)")
     assert "pdgw.gateway.daemon.daemon" in daemon

@@ -16,13 +16,12 @@ from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from operator import attrgetter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import NODE_IDS
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS, WATCHDOG_FACTOR
-from pdgw.gateway.configuration.file import load_config, parse_config
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame, Parser
@@ -30,16 +29,17 @@ from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.capture.knowledge import configured_settings
 from pdgw.tools.decoder.capture.pcap import CaptureError, configuration_in, head_of, unpacked
 from pdgw.tools.decoder.capture.source import STANDARD_INPUT, Source, open_source, unreadable
-from pdgw.tools.decoder.export.trace_page import TracePage
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord
 from pdgw.tools.decoder.frames.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
 from pdgw.tools.decoder.frames.records import BusKind, CyclicRecord, Record
-from pdgw.tools.decoder.step_replay import Replayed, replay
 from pdgw.tools.decoder.timeline.builder import HOLD_NS, Steps, TimelineBuilder
 from pdgw.tools.decoder.timeline.clocks import ONE_CLOCK, Clocks, correlate
 from pdgw.tools.decoder.timeline.entries import Edge, Entry
 from pdgw.tools.recording.progress import with_progress
 from pdgw.tools.recording.recorder import CONFIGURATION
+
+if TYPE_CHECKING:
+    from pdgw.tools.decoder.step_replay import Replayed
 
 INFER_FROM = 20_000
 """Packets of a file that are searched for the telegrams."""
@@ -76,7 +76,7 @@ def known_from(
 
 def _known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[str], files: Sequence[str]) -> Known:
     if config is not None:
-        return _known_of(load_config(config), telegrams, nodes)
+        return _known_of(config, "", telegrams, nodes)
     if telegrams:
         return Known(Settings(_with_nodes(given_axes(telegrams), nodes), "--telegram and --node"))
     if nodes:
@@ -85,16 +85,20 @@ def _known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[s
         text = configuration_in(Path(file))
         if text:
             print_notice(f"the configuration of the gateway is read from {file}")
-            return _known_of(parse_config(text, f"{file}: its configuration"), telegrams, nodes)
+            return _known_of(Path(file), text, telegrams, nodes)
     for file in files:
         beside = Path(file).parent / CONFIGURATION
         if beside.is_file():
             print_notice(f"the configuration of the gateway is read from {beside}")
-            return _known_of(load_config(beside), telegrams, nodes)
+            return _known_of(beside, "", telegrams, nodes)
     return Known()
 
 
-def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[str]) -> Known:
+def _known_of(file: Path, text: str, telegrams: Sequence[int], nodes: Sequence[str]) -> Known:
+    """From the configuration in a file; ``text``: that of a recording."""
+    from pdgw.gateway.configuration.file import load_config, parse_config  # noqa: PLC0415 (loads the whole gateway)
+
+    loaded = parse_config(text, f"{file}: its configuration") if text else load_config(file)
     settings = configured_settings(loaded, telegrams)
     transport = loaded.transport
     return Known(
@@ -251,6 +255,8 @@ def followed(opening: Opening, part: Part = Part()) -> Iterator[Entry | Record]:
 
 def write_page(opening: Opening, part: Part, path: Path) -> None:
     """The timeline of a part as an HTML page with its curves, to its damage; GatewayError when it cannot be written."""
+    from pdgw.tools.decoder.export.trace_page import TracePage  # noqa: PLC0415 (for a page only)
+
     page = TracePage(" ".join(Path(file).name for file in opening.files), opening.begin_ns)
     try:
         for item in followed(opening, part):
@@ -261,6 +267,8 @@ def write_page(opening: Opening, part: Part, path: Path) -> None:
 
 def replayed(files: Sequence[str]) -> list[Replayed]:
     """Replay recordings of the gateway that follow each other; ReplayError for others and for damaged ones."""
+    from pdgw.tools.decoder.step_replay import replay  # noqa: PLC0415 (loads the axis machine)
+
     return replay(_items(files))
 
 

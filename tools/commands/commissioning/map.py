@@ -18,6 +18,7 @@ from pdgw.profidrive.telegrams import Direction
 
 if TYPE_CHECKING:
     from pdgw.gateway.configuration.byte_map import FrameMap, Place
+    from pdgw.gateway.configuration.environment import TransportConfig
 
     Maps = tuple[FrameMap, FrameMap]
 
@@ -79,7 +80,6 @@ def map_(
     from pdgw.gateway.configuration.byte_map import frame_maps
     from pdgw.gateway.configuration.environment import TransportConfig
     from pdgw.gateway.configuration.file import load_config
-    from pdgw.tools.output.data_sheets import write_gsdml
     from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
     from pdgw.tools.plc.plcopen import plcopen_xml
     from pdgw.tools.plc.sockets import Sockets
@@ -87,7 +87,7 @@ def map_(
     if config is None:
         if gsdml is None:
             raise GatewayError("CONFIG is missing: give a configuration file; only --gsdml works without it")
-        typer.echo(str(write_gsdml(TransportConfig(), gsdml, "--gsdml")))
+        typer.echo(str(_write_gsdml(TransportConfig(), gsdml)))
         return
     loaded = load_config(config)
     stored = stored_parameters(loaded.store, loaded.file).telegrams
@@ -99,7 +99,7 @@ def map_(
     if gsdml is not None:
         if not profinet:
             raise GatewayError(f'--gsdml: {config} has type = "{loaded.transport.type}", expected "profinet"')
-        typer.echo(f"device description: {write_gsdml(loaded.transport, gsdml, '--gsdml')}", err=True)
+        typer.echo(f"device description: {_write_gsdml(loaded.transport, gsdml)}", err=True)
     formats: dict[Format, Callable[[], str]] = {
         Format.TEXT: lambda: (_profinet_text if profinet else _udp_text)(maps, None if out is None else 120),
         Format.CSV: lambda: _csv(maps, profinet=profinet),
@@ -115,6 +115,13 @@ def map_(
         return
     with writing(f"--out {out}"):
         out.write_text(text, encoding="utf-8")
+
+
+def _write_gsdml(transport: TransportConfig, folder: Path) -> Path:
+    """Write the device description to a folder."""
+    from pdgw.tools.output.data_sheets import write_gsdml
+
+    return write_gsdml(transport, folder, "--gsdml")
 
 
 def _udp_text(maps: Maps, width: int | None) -> str:

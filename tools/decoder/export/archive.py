@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -170,6 +169,8 @@ def write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions) ->
     if jobs == 1:
         yield from map(work, files)
         return
+    from concurrent.futures import ProcessPoolExecutor  # noqa: PLC0415 (slow to load, and for several files only)
+
     with ProcessPoolExecutor(jobs) as pool:
         yield from pool.map(work, files)
 
