@@ -42,11 +42,9 @@ _SECTION_HEAD: Final = 24
 """Bytes of a section header before its options."""
 _SECTION_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 HEAD: Final = struct.Struct(">II")
-_PACKET: Final = ">IIIQII"
-PACKET_HEAD: Final = struct.Struct(_PACKET)
+PACKET_HEAD: Final = struct.Struct(">IIIQII")
 """Kind, length of the block, interface, time, captured and original length."""
-_CUSTOM: Final = ">IIIcxxxI"
-CUSTOM_HEAD: Final = struct.Struct(_CUSTOM)
+CUSTOM_HEAD: Final = struct.Struct(">IIIcxxxI")
 """Kind, length of the block, enterprise; then kind and length of the content."""
 _TAIL: Final = struct.Struct(">I")
 CAN_PACKET: Final = struct.Struct(">12sQ16s8s4s")
@@ -118,18 +116,39 @@ def interface(link: int, name: str) -> bytes:
     return _block(INTERFACE, struct.pack(">HHI", link, 0, 0) + options)
 
 
-@lru_cache(maxsize=256)
-def _packer(head: str, size: int) -> tuple[Callable[..., bytes], int]:
-    """What packs a block with content of this size, and its length."""
-    block = struct.Struct(f"{head}{size + -size % 4}sI")
-    return block.pack, block.size
-
-
 def packet(interface: int, time_ns: int, data: bytes) -> bytes:
     """A frame; the time is that of the wall clock."""
     size = len(data)
-    pack, length = _packer(_PACKET, size)
-    return pack(PACKET, length, interface, time_ns, size, size, data, length)
+    return _block(PACKET, struct.pack(">IQII", interface, time_ns, size, size) + _padded(data))
+
+
+class FramePacker:
+    """Packs frames of an interface as ``packet``; ``header``: what is before data of a size.
+
+    What frames of one size have in common is packed once, because it takes longer than the rest.
+    """
+
+    def __init__(self, interface: int, header: Callable[[int], bytes]) -> None:
+        self._interface = interface
+        self._header = header
+        self._prepare(0)
+
+    def _prepare(self, size: int) -> None:
+        self._size = size
+        header = self._header(size)
+        whole = len(header) + size
+        block = struct.Struct(f">12sQ{HEAD.size + len(header)}s{size + -whole % 4}s4s")
+        self._pack = block.pack
+        self._head = CAN_HEAD.pack(PACKET, block.size, self._interface)
+        self._middle = HEAD.pack(whole, whole) + header
+        self._tail = _TAIL.pack(block.size)
+
+    def pack(self, time_ns: int, data: bytes | bytearray) -> bytes:
+        """A frame; the time is that of the wall clock."""
+        if len(data) != self._size:
+            self._prepare(len(data))
+        packed: bytes = self._pack(self._head, time_ns, self._middle, data, self._tail)
+        return packed
 
 
 @lru_cache(maxsize=256)
@@ -154,9 +173,31 @@ def _address(end: str) -> tuple[str, int]:
 
 def custom(kind: bytes, content: bytes) -> bytes:
     """A block that only this gateway reads."""
-    size = len(content)
-    pack, length = _packer(_CUSTOM, size)
-    return pack(CUSTOM, length, ENTERPRISE, kind, size, content, length)
+    return _block(CUSTOM, struct.pack(">IcxxxI", ENTERPRISE, kind, len(content)) + _padded(content))
+
+
+@lru_cache(maxsize=256)
+def _cycle_block(size: int) -> tuple[Callable[..., bytes], bytes, bytes]:
+    """For cycles with steps of this size: what packs the block, its head and tail."""
+    content = CYCLE_HEAD.size + size
+    block = struct.Struct(f">{CUSTOM_HEAD.size}s{CYCLE_HEAD.format[1:]}{size + -content % 4}s4s")
+    head = CUSTOM_HEAD.pack(CUSTOM, block.size, ENTERPRISE, CYCLE, content)
+    return block.pack, head, _TAIL.pack(block.size)
+
+
+class CyclePacker:
+    """Packs cycles with their steps as ``custom``. Most have the size of the one before."""
+
+    def __init__(self) -> None:
+        self._size = 0
+        self._pack, self._head, self._tail = _cycle_block(0)
+
+    def pack(self, number: int, time_ns: int, wall: int, flags: int, response: int, steps: bytes) -> bytes:
+        """The block of a cycle; the numbers as in ``CYCLE_HEAD``."""
+        if len(steps) != self._size:
+            self._size = len(steps)
+            self._pack, self._head, self._tail = _cycle_block(self._size)
+        return self._pack(self._head, number, time_ns, wall, flags, response, steps, self._tail)
 
 
 @dataclass(frozen=True)

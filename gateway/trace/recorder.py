@@ -14,8 +14,10 @@ import os
 import shutil
 import struct
 from bisect import bisect_left
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pdgw.base.durations import MS, SECOND, US
 from pdgw.ds301.bus.listeners import FrameTap
@@ -54,35 +56,34 @@ _FOLDER_MODE: Final = 0o750
 _PACK_CAN: Final = pcapng.CAN_PACKET.pack
 _CAN_TAIL: Final = pcapng.CAN_TAIL
 _CAN_FRAME: Final = 16
-_MIDDLES: Final = 4096
-"""Limit of the memory for them: any device may send all extended identifiers."""
-_PACK_HEAD: Final = pcapng.CYCLE_HEAD.pack
-_TARGET, _SOURCE = slice(0, 6), slice(6, 12)
+_IDENTIFIERS: Final = 0x800
+_MAC: Final = 6
+"""Bytes of an address."""
 
 
 class _BusTap(FrameTap):
-    """Records the frames of a bus as blocks, and their times."""
+    """Records the frames of a bus as blocks, and their times. ``middles``: by identifier and size, empty: not packed yet."""
 
-    def __init__(self, bus: int, blocks: list[bytes], times: list[int]) -> None:
+    def __init__(self, bus: int, middles: list[bytes], blocks: list[bytes], times: list[int]) -> None:
         self._head = pcapng.CAN_HEAD.pack(pcapng.PACKET, pcapng.CAN_PACKET.size, bus)
-        self._middles: dict[int, bytes] = {}
-        """By identifier and size: packing them for each frame takes longer."""
+        self._middles = middles
         self._blocks = blocks
         self._times = times
         self.wall = 0
         """Wall clock minus monotonic clock."""
 
     def frame(self, can_id: int, data: bytes, time_ns: int) -> None:
-        size = len(data)
-        key = can_id << 4 | size
         try:
-            middle = self._middles[key]
-        except KeyError:
-            if len(self._middles) >= _MIDDLES:
-                self._middles.clear()
-            middle = self._middles[key] = pcapng.CAN_MIDDLE.pack(_CAN_FRAME, _CAN_FRAME, can_id, size)
-        self._times.append(time_ns)
-        self._blocks.append(_PACK_CAN(self._head, time_ns + self.wall, middle, data, _CAN_TAIL))
+            middle = self._middles[can_id << 4 | len(data)]
+        except IndexError:  # an extended identifier, or flags
+            middle = b""
+        if not middle:
+            middle = pcapng.CAN_MIDDLE.pack(_CAN_FRAME, _CAN_FRAME, can_id, len(data))
+            if can_id < _IDENTIFIERS:
+                self._middles[can_id << 4 | len(data)] = middle
+        time: Any = time_ns + self.wall  # compiled code makes one object of it
+        self._times.append(time)
+        self._blocks.append(_PACK_CAN(self._head, time, middle, data, _CAN_TAIL))
 
 
 class FlightRecorder(CycleListener):
@@ -100,9 +101,9 @@ class FlightRecorder(CycleListener):
         self.lost = 0
         """Cycles that could not be written."""
         self._token: object = None
-        self._peer: tuple[str, int] | None = None
-        self._here, self._there = f"{daemon.address[0]}:{CYCLIC_PORT}", ""
-        """The gateway and its PLC in the headers of recorded frames."""
+        self._ends: object = ()
+        """The PLC, and on PROFINET the gateway, in the headers of recorded frames."""
+        self._cycle = pcapng.CyclePacker()
         self._first = True
         self._head = b""
         self._number = 0
@@ -119,12 +120,12 @@ class FlightRecorder(CycleListener):
         self._blocks: list[bytes] = []
         """What is not written yet."""
         self._times: list[int] = []
-        """Of those since the last cycle."""
+        """Of those since the last cycle, of the wall clock."""
         self._cycles: list[int] = []
         """The begin of the cycles that are not written yet."""
         self._steps: list[StepRecord] = []
         self._shortest = 0
-        """Bytes of a cycle in which only the frames have changed something."""
+        """Bytes of the steps of a cycle in which only the frames have changed something."""
         try:
             self.path, self._lock = _prepared(directory, name)
         except OSError as error:
@@ -132,7 +133,8 @@ class FlightRecorder(CycleListener):
         self._name = self.path.name.removesuffix(SUFFIX)
         for item in daemon.objects:
             item.given = []
-        self._taps = [_BusTap(bus, self._blocks, self._times) for bus in range(self._plc)]
+        middles = [b""] * (_IDENTIFIERS << 4)
+        self._taps = [_BusTap(bus, middles, self._blocks, self._times) for bus in range(self._plc)]
         for network, tap in zip(daemon.networks.values(), self._taps, strict=True):
             network.tap = tap
         daemon.loop.counters.add("trace", "lost", "cycles", "not written to the flight recorder", lambda: self.lost)
@@ -166,8 +168,10 @@ class FlightRecorder(CycleListener):
         if link.layout_token is not self._token:
             self._observe()
         connected, peer, received, sent = link.newest()
-        if peer != self._peer:
-            self._peer, self._there = peer, "" if peer is None else "{}:{}".format(*peer)
+        ends: object = bytes(sent[: 2 * _MAC]) if self._is_profinet else peer
+        if ends != self._ends:
+            self._ends = ends
+            self._find_headers(peer, sent)
         flags = pcapng.CONNECTED if connected else 0
         if self._whole:
             flags |= pcapng.WHOLE
@@ -180,25 +184,22 @@ class FlightRecorder(CycleListener):
         if answered and received:
             flags |= pcapng.ANSWERED
             response = (answered - now) // US
-            place = first + bisect_left(times, answered)
-            blocks.insert(place, pcapng.packet(self._plc, answered + wall, self._sent(sent)))
+            answered += wall
+            blocks.insert(first + bisect_left(times, answered), self._to_plc.pack(answered, sent))
         if accepted:
             flags |= pcapng.FRESH
-            place = first + bisect_left(times, now)
-            blocks.insert(place, pcapng.packet(self._plc, now + wall, self._received(received, sent)))
+            blocks.insert(first + bisect_left(times, now + wall), self._from_plc.pack(now + wall, received))
         times.clear()
         self._number += 1
-        content = [_PACK_HEAD(self._number, now, wall, flags, response)]
         try:
-            content += [step.take(now) for step in self._steps]
+            steps = b"".join([step.take(now) for step in self._steps])
         except (struct.error, TypeError):  # a value that fits no field: the exchange continues
             self.lost += 1
             self._whole = True
         else:
-            packed = b"".join(content)
-            blocks.append(pcapng.custom(pcapng.CYCLE, packed))
+            blocks.append(self._cycle.pack(self._number, now, wall, flags, response, steps))
             self._cycles.append(now)
-            if accepted and len(packed) == self._shortest and now - self._cycles[0] < self._unwritten_ns:
+            if accepted and len(steps) == self._shortest and now - self._cycles[0] < self._unwritten_ns:
                 return
         self._flush()
         if now >= self._anchor_due:
@@ -222,7 +223,7 @@ class FlightRecorder(CycleListener):
         self._token = self._link.layout_token
         known = {step.machine for step in self._steps}
         self._steps = [step_record(item) for item in daemon.objects]
-        self._shortest = pcapng.CYCLE_HEAD.size + pcapng.MASK.size * len(self._steps)
+        self._shortest = pcapng.MASK.size * len(self._steps)
         for step in self._steps:
             if step.machine not in known:
                 step.begin()
@@ -299,9 +300,9 @@ class FlightRecorder(CycleListener):
 
     def ethernet(self, frame: bytes) -> None:
         """A frame from or to the PLC beside the cyclic ones, now."""
-        now = self._daemon.loop.now()
-        self._times.append(now)
-        self._blocks.append(pcapng.packet(self._plc + 1, now + self._wall, frame))
+        time_ns = self._daemon.loop.now() + self._wall
+        self._times.append(time_ns)
+        self._blocks.append(pcapng.packet(self._plc + 1, time_ns, frame))
 
     def datagram(self, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
         """A datagram of the parameter channel, now."""
@@ -310,15 +311,20 @@ class FlightRecorder(CycleListener):
 
     # -- frames of the PLC ---------------------------------------------------------------------------------------------------
 
-    def _received(self, data: bytes, sent: bytes | bytearray) -> bytes:
+    def _find_headers(self, peer: tuple[str, int] | None, sent: bytes | bytearray) -> None:
+        """The frames of the PLC have other ends: on PROFINET those of the newest one, which was ``sent`` with its header."""
+        received_header: Callable[[int], bytes]
+        sent_header: Callable[[int], bytes]
         if self._is_profinet:
-            return header(bytes(sent[_SOURCE]), bytes(sent[_TARGET])) + data
-        return pcapng.udp_header(self._there, self._here, len(data)) + data
-
-    def _sent(self, data: bytes | bytearray) -> bytes:
-        if self._is_profinet:
-            return bytes(data)
-        return pcapng.udp_header(self._here, self._there, len(data)) + data
+            head = header(bytes(sent[_MAC : 2 * _MAC]), bytes(sent[:_MAC]))
+            received_header, sent_header = lambda _: head, lambda _: b""
+        else:
+            here = f"{self._daemon.address[0]}:{CYCLIC_PORT}"
+            there = "" if peer is None else "{}:{}".format(*peer)
+            received_header = partial(pcapng.udp_header, there, here)
+            sent_header = partial(pcapng.udp_header, here, there)
+        self._from_plc = pcapng.FramePacker(self._plc, received_header)
+        self._to_plc = pcapng.FramePacker(self._plc, sent_header)
 
 
 def _prepared(directory: Path, name: str) -> tuple[Path, int]:

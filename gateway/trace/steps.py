@@ -18,7 +18,9 @@ from pdgw.ds301.node.client import NodeClient
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.gateway.axis.encoder_machine import EncoderInputs
-from pdgw.gateway.axis.values import EncoderInput, Events, Inputs, Outputs, SdoWrite
+from pdgw.gateway.axis.orders import Brake
+from pdgw.gateway.axis.values import EncoderInput, Events, Inputs, Outputs, ProbeWish, SdoWrite
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import ChannelInput, EncoderObject
@@ -163,9 +165,8 @@ class StepRecord:
         self._noted = False
         """the recording has them."""
         self._without_pdo: list[_Attribute] = []
-        self._last: tuple[object, ...] = ()
-        """What no frame has, in the last step; empty: the next step cannot follow from it."""
         self._presets: list[SdoWrite | None] = []
+        """Those of the last step; empty: the next step cannot follow from it."""
         self._was_online = False
         """The devices are online: the frames have the values of their PDOs."""
         self._others: list[_Attribute] = []
@@ -187,10 +188,10 @@ class StepRecord:
 
     def forget(self) -> None:
         """The next step is recorded with all of its values."""
-        self._last, self._noted = (), False
+        self._presets, self._noted = [], False
 
-    def _read_values(self) -> tuple[object, ...]:
-        """What no frame has."""
+    def _is_as_before(self) -> bool:
+        """Whether what no frame has is as in the last step. It must be asked in each step."""
         raise NotImplementedError
 
     def _has_fresh_data(self) -> bool:
@@ -199,11 +200,10 @@ class StepRecord:
 
     def take(self, now: int) -> bytes:
         """The last step, of the cycle that began at ``now``; the recorder calls it in each cycle."""
-        outputs, last = self._outputs, self._last
-        values = self._last = self._read_values()
+        outputs = self._outputs
         sent = self._rpdos is None or self._rpdos.sent_ns == now
-        if values == last and outputs.events is None and not self._given and outputs.presets == self._presets:
-            others = _read(self._others) if self._others else self._other_values
+        if self._is_as_before() and outputs.events is None and not self._given and outputs.presets == self._presets:
+            others = [getattr(item, name) for item, name in self._others]
             if others == self._other_values:
                 return (_SENT if sent else _BY_FRAMES) if self._was_online else _AS_BEFORE
             if self._was_online and self._has_fresh_data():
@@ -278,6 +278,15 @@ class StepRecord:
         self._given[:0] = known
 
 
+_AxisValues = tuple[
+    *tuple[bool, bool, bool, bool, bool, bool],
+    *tuple[bool, bool, bool, bool, bool],
+    *tuple[int, int, int, int, int, int],
+    *tuple[Brake, Reason | None, tuple[SdoWrite, ...] | None, ProbeWish | None],
+]
+"""With fixed lengths, so that compiled code makes no objects of them."""
+
+
 class AxisRecord(StepRecord):
     """Records an axis."""
 
@@ -294,8 +303,14 @@ class AxisRecord(StepRecord):
         self._drive = drive
         self._rpdos = drive.rpdos
         self._devices.insert(0, (drive, {name: name for name in names["feedback"]}))
+        self._last = self._read_values()
 
-    def _read_values(self) -> tuple[object, ...]:
+    def _is_as_before(self) -> bool:
+        last = self._last
+        self._last = values = self._read_values()
+        return values == last
+
+    def _read_values(self) -> _AxisValues:
         inputs, outputs = self._inputs, self._outputs
         return (
             inputs.setpoints is None,
@@ -304,25 +319,28 @@ class AxisRecord(StepRecord):
             inputs.node_stopped,
             inputs.set_point_refused,
             inputs.unacknowledged,
-            inputs.fault_code,
             outputs.good,
             outputs.released,
             outputs.known_off,
             outputs.motor_hot,
             outputs.stage_hot,
+            inputs.fault_code,
             outputs.warning,
             outputs.warned,
             outputs.drive_error,
+            self._log.count,
+            self._drive.generation,
             outputs.brake,
             outputs.reason,
             outputs.writes,
             outputs.probe,
-            self._log.count,
-            self._drive.generation,
         )
 
     def _has_fresh_data(self) -> bool:
         return self._inputs.drive_ok and super()._has_fresh_data()
+
+
+_EncoderValues = tuple[bool, bool, bool, int, int, int, int, Reason | None, tuple[SdoWrite, ...] | None]
 
 
 class EncoderRecord(StepRecord):
@@ -332,8 +350,14 @@ class EncoderRecord(StepRecord):
         inputs = item.machine.inputs
         super().__init__(item, inputs, [inputs.source], _ENCODER)
         self._inputs = inputs
+        self._last = self._read_values()
 
-    def _read_values(self) -> tuple[object, ...]:
+    def _is_as_before(self) -> bool:
+        last = self._last
+        self._last = values = self._read_values()
+        return values == last
+
+    def _read_values(self) -> _EncoderValues:
         outputs = self._outputs
         return (
             self._inputs.setpoints is None,
@@ -341,10 +365,10 @@ class EncoderRecord(StepRecord):
             outputs.good,
             outputs.warning,
             outputs.warned,
-            outputs.reason,
-            outputs.writes,
             self._log.count,
             self._devices[0][0].generation,
+            outputs.reason,
+            outputs.writes,
         )
 
 
