@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from pdgw.base.durations import SECOND
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
-from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.base.steps import (
     ACKNOWLEDGE,
     NEW_TASK,
@@ -67,6 +65,8 @@ class Reason(enum.Enum):
     """A standing reason, declared with what follows from it; ``value`` is the text for the user."""
 
     _value_: str
+    head: str
+    """The text without the bits that give it, where it names bits."""
     code: int
     """Its place, 1 for the first: recordings have the names in this order. 0 is left for the absence of a reason."""
     state: AxisState
@@ -79,14 +79,15 @@ class Reason(enum.Enum):
 
     def __new__(
         cls,
-        text: str,
+        text: str | tuple[str, str],
         steps: Step | Remedy,
         enable: Enable = Enable.SETPOINT,
         state: AxisState = AxisState.WAITS,
         past: str = "",
     ) -> Reason:
         member = object.__new__(cls)
-        member._value_ = text
+        member._value_ = text if isinstance(text, str) else ": ".join(text)
+        member.head = text if isinstance(text, str) else text[0]
         member.code = len(cls.__members__) + 1
         member.state, member.enable, member.past = state, enable, past
         member.remedy = (steps,) if isinstance(steps, Step) else steps
@@ -150,17 +151,17 @@ class Reason(enum.Enum):
         _S.OFF,
     )
     COAST_STOP = (
-        "coast stop: STW1.1 = 0",
+        ("coast stop", "STW1.1 = 0"),
         OFF_ON,
         _E.ON_EDGE,
         _S.OFF,
     )
     SETPOINT_DISABLED = (
-        "no setpoint: STW1.4, STW1.5 or STW1.6 is 0",
+        ("no setpoint", "STW1.4, STW1.5 or STW1.6 is 0"),
         Bits(("STW1.4", "STW1.5", "STW1.6")),
     )
     INTERNAL_LIMIT = (
-        "the drive itself limits the motion (Statusword.11 = 1): limit switch, position or speed limit",
+        ("the drive itself limits the motion (Statusword.11 = 1)", "limit switch, position or speed limit"),
         "check limit switches and the drive's own limits; move away from them",
     )
     STOPPED_AT_LIMIT = (
@@ -358,7 +359,7 @@ class Reason(enum.Enum):
         _S.OFF,
     )
     ENABLE_MISSING = (
-        "the PLC does not enable operation: STW1.3 = 0",
+        ("the PLC does not enable operation", "STW1.3 = 0"),
         Bits(("STW1.3",)),
         _E.ON_EDGE,
     )
@@ -417,7 +418,7 @@ class Reason(enum.Enum):
         _E.OPERATION,
     )
     HELD_OFF = (
-        "the PLC sends ON (STW1.0 = 1) and keeps the drive off: STW1.1, STW1.2 and STW1.3 must be 1 too",
+        ("the PLC sends ON (STW1.0 = 1) and keeps the drive off", "STW1.1, STW1.2 and STW1.3 must be 1 too"),
         (Bits(("STW1.1", "STW1.2", "STW1.3")), OFF_ON),
         _E.ON_EDGE,
     )
@@ -551,12 +552,12 @@ class Reason(enum.Enum):
         _S.FAULT,
     )
     LOCAL_MODE = (
-        "the drive takes no commands from the bus: local mode (Statusword.9 = 0)",
+        ("the drive takes no commands from the bus", "local mode (Statusword.9 = 0)"),
         "switch the drive to remote at its panel or in its tool",
         _E.OPERATION,
     )
     LOCAL_TURNS = (
-        "the shaft turns by the drive's panel or tool, not by the gateway: local mode (Statusword.9 = 0)",
+        ("the shaft turns by the drive's panel or tool, not by the gateway", "local mode (Statusword.9 = 0)"),
         "stop the drive at its panel or in its tool, and switch it to remote",
         _E.OPERATION,
         _S.FAULT,
@@ -583,27 +584,67 @@ class Reason(enum.Enum):
     )
 
 
-def with_count(text: str, count: int, duration_ns: int) -> str:
-    """A text that is repeated, with its number and the time since the first one."""
-    return text if count == 1 else f"{text} ({count} times in {max(1, duration_ns // SECOND)} s)"
+REFUSED_ORDERS: Final = (
+    Reason.REFERENCE_POINT_MOVING,
+    Reason.TASK_BLOCK_UNKNOWN,
+    Reason.TASK_SPEED_ZERO,
+    Reason.TASK_RAMP_ZERO,
+    Reason.TASK_TARGET_RANGE,
+    Reason.TASK_DRIVE_RANGE,
+    Reason.TASK_DIRECTION,
+    Reason.TASK_VELOCITY,
+    Reason.UPDATE_RELATIVE,
+    Reason.FUNCTION_RUNS,
+)
+"""Orders that were refused: each has the time of its warning 113."""
+
+
+class By(enum.Enum):
+    """Who began a stop."""
+
+    PLC = "PLC"
+    DRIVE = "device"
+    NODE = "node"
+    BUS = "bus"
+    GATEWAY = "gateway"
+    OTHER_MASTER = "another master"
 
 
 class Finding(NamedTuple):
-    """What a link finds wrong with the PLC's frames."""
+    """Why something is not as it was asked: of the PLC's frames, of a link of the chain of enables, of what began a stop.
+
+    Times are monotonic nanoseconds. ``finding_text`` has its text.
+    """
 
     reason: Reason
     evidence: str
     remedy: Remedy
+    node: int = 0
+    """Node-ID that the evidence is about and its text begins with; 0: none."""
+    since_ns: int = 0
+    """When it began; 0: its text has no time."""
+    until_ns: int = 0
+    """When it was over, and only OFF and ON are missing; 0: it is not, or its end does not matter."""
+    times: int = 0
+    """How often its fault was reported."""
+    more: str = ""
+    """What follows the time."""
+    by: By = By.GATEWAY
+    number: int = 0
+    """Its fault (P947); 0: no fault."""
+    code: int = 0
+    """The code of it (P945)."""
+    last_ns: int = 0
+    """When it was reported last."""
+    ended: str = ""
+    """Of a start: how the last gateway ended,"""
+    before: str = ""
+    """and what had stopped the drive object then."""
 
     @classmethod
     def of(cls, reason: Reason, evidence: str = "", place: str = "") -> Finding:
         """Those of the reason, where nothing is known that says more. ``place``: where to look."""
         return cls(reason, evidence or reason.value, (place,) if place else reason.remedy)
-
-    @property
-    def text(self) -> str:
-        """Evidence and remedy in one line."""
-        return f"{self.evidence}; {remedy_text(self.remedy)}"
 
 
 class FaultNumber(enum.IntEnum):
@@ -656,17 +697,6 @@ DEVICE_WARNING: Final = 1 << 15
 def first_warning(bits: int) -> int:
     """The lowest number among warnings of P953, 0 for none."""
     return FIRST_WARNING + (bits & -bits).bit_length() - 1 if bits else 0
-
-
-class By(enum.Enum):
-    """Who began a stop."""
-
-    PLC = "PLC"
-    DRIVE = "device"
-    NODE = "node"
-    BUS = "bus"
-    GATEWAY = "gateway"
-    OTHER_MASTER = "another master"
 
 
 @dataclass(frozen=True, slots=True)

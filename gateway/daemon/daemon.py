@@ -31,7 +31,7 @@ from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.platform import Platform, SystemPlatform
-from pdgw.gateway.base.reasons import By, FaultNumber
+from pdgw.gateway.base.reasons import By, FaultNumber, Finding, Reason
 from pdgw.gateway.base.store import DeviceParameters, DoParameters, ParameterStore
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.bus_load import HEARTBEATS
@@ -207,7 +207,8 @@ class Daemon:
         for item in self.objects:
             if evidence is not None and item.network is network:
                 text = f"bus {network.name}: {evidence.text}"
-                item.origins.prove(By.BUS, text, (evidence.remedy,), self.loop.now())
+                found = Finding(Reason.BUS_LOST, text, (evidence.remedy,), since_ns=self.loop.now(), by=By.BUS)
+                item.origins.prove(found)
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""

@@ -19,9 +19,9 @@ from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import Cause
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.base.finding_text import clock
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.objects.origins import clock
 
 LISTEN_NS = 250 * MS
 """Listening time before the first frame is sent: longer than the usual heartbeat of 100 ms."""

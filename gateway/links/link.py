@@ -12,6 +12,7 @@ from typing import Final, Protocol
 
 from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
+from pdgw.gateway.base.finding_text import finding_line
 from pdgw.gateway.base.reasons import Finding
 from pdgw.gateway.base.udp import Address, DatagramPort
 from pdgw.gateway.configuration.environment import TransportConfig
@@ -247,7 +248,7 @@ class UdpLink(Link):
                 if endpoint.changed:
                     break  # the axes step, so that the next frame overwrites no order
             elif verdict not in USUAL and endpoint.counts.frames[verdict] == 1:
-                log.warning("%s", endpoint.refusals.why(verdict, source, data, endpoint.peer).text)
+                log.warning("%s", finding_line(endpoint.refusals.why(verdict, source, data, endpoint.peer)))
         self.more = True
         if taken:
             self.skipped += taken - 1
@@ -273,7 +274,7 @@ class UdpLink(Link):
         if not endpoint.connected:
             self._listen_to(None)
         text, finding = silence(self._transport.watchdog_factor), endpoint.lost_by
-        return endpoint.losses.report(text if finding is None else f"{text}: {finding.text}", now)
+        return endpoint.losses.report(text if finding is None else f"{text}: {finding_line(finding)}", now)
 
     def finding(self, index: int | None = None) -> Finding | None:
         return self.endpoint.finding(index)

@@ -6,7 +6,8 @@ from collections import deque
 from typing import Final
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.gateway.base.reasons import Finding, Reason, with_count
+from pdgw.gateway.base.finding_text import finding_line, with_count
+from pdgw.gateway.base.reasons import Finding, Reason
 
 NAMED_NS: Final = 10 * SECOND
 """Time for which another sender, frames that do not count, and repeated losses are named."""
@@ -49,7 +50,7 @@ class RepeatedLosses:
         if now - self._reported_at < _REPORTED_NS:
             return ""
         self._reported_at = now
-        return with_count(finding.text, self._count, now - self._begin)
+        return with_count(finding_line(finding), self._count, now - self._begin)
 
     def returned(self, now: int, silence_ns: int) -> None:
         """A frame came after this time without one."""

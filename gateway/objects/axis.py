@@ -34,15 +34,14 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
 from pdgw.gateway.axis.values import Configured, FaultRead, FaultRecord, Inputs, Outputs
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason
-from pdgw.gateway.base.steps import Remedy
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Finding, Reason
 from pdgw.gateway.base.store import ConfirmedUnits
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.inquiry import LIMITS, PATIENCE_NS, REMAP, Answer, Untaken, ask
-from pdgw.gateway.objects.origins import ORDERS, Origin, used_up
+from pdgw.gateway.objects.origins import ORDERS, used_up
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
@@ -228,7 +227,7 @@ class Axis(DriveObject):
         if outputs.released:
             self.origins.released(now)
         else:
-            self.origins.present = self._origin(now)
+            self.origins.present = self._origin()._replace(since_ns=now)
 
     def _read_ages(self, inputs: Inputs) -> None:
         """When the speed and the position were requested that are read by SDO."""
@@ -238,30 +237,37 @@ class Axis(DriveObject):
         if position is not None:
             inputs.position_asked_ns, inputs.position_old = position.asked_ns, inputs.now > position.until_ns
 
-    def _origin(self, now: int) -> Origin:
-        """That of the stop of this step, if no fault of it is reported."""
-        cell, reason = self.machine.interlock.cell, self.machine.interlock.reason
+    def _origin(self) -> Finding:
+        """That of the stop of this step, if no fault of it is reported. Its time is left out."""
+        interlock, reason = self.machine.interlock, self.machine.interlock.reason or Reason.NEEDS_OFF
         if self.gateway_stops:
-            return Origin(By.GATEWAY, Reason.GATEWAY_STOPS.value, now)
-        if (fault := GATEWAY_FAULTS.get(cell.fault or 0)) is None:
-            word = self.drive.feedback.statusword
-            if reason is Reason.INHIBITED and (state := state_of(word)) is not None:
-                supply = bool(word & StatusBit.VOLTAGE_ENABLED) or not self.machine.lacks_supply(state, unproven=True)
-                evidence, remedy = self.unheard or used_up(
-                    state, self._settings.enter_ns, supply=supply, remote=bool(word & StatusBit.REMOTE)
-                )
-                return Origin(By.DRIVE, evidence, now, remedy)
+            return Finding(Reason.GATEWAY_STOPS, Reason.GATEWAY_STOPS.value, Reason.NEEDS_OFF.remedy)
+        if (fault := GATEWAY_FAULTS.get(interlock.cell.fault or 0)) is None:
+            if reason is Reason.INHIBITED and (found := self.inhibited) is not None:
+                return found._replace(by=By.DRIVE)
             order = ORDERS.get(reason)
-            return Origin(By.PLC if order else By.DRIVE, order or (reason or Reason.NEEDS_OFF).value, now)
-        evidence = fault.name
+            by = By.PLC if order else By.DRIVE
+            return Finding(reason, order or reason.value, Reason.NEEDS_OFF.remedy, by=by)
         if fault.number == FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
-            past = finding.reason.past
-            return Origin(By.PLC, finding.evidence, now, finding.remedy, fault.number, now, 1, past)
+            return finding._replace(by=By.PLC, number=fault.number, last_ns=self.machine.inputs.now, times=1)
+        evidence = fault.name
         if fault.number == FaultNumber.NODE_LOST:
             if self.machine.restart_asked:
-                return Origin(By.PLC, "a parameter request has restarted the node (P970, P972)", now)
-            evidence = f"{evidence}: {self.drive.unconfirmed}".removesuffix(": ")
-        return Origin(fault.by, evidence, now, fault.remedy, fault.number)
+                restarted = "a parameter request has restarted the node (P970, P972)"
+                return Finding(Reason.NEEDS_OFF, restarted, Reason.NEEDS_OFF.remedy, by=By.PLC)
+            if self.drive.unconfirmed:
+                evidence = f"{evidence}: {self.drive.unconfirmed}"
+        return Finding(reason, evidence, fault.remedy, by=fault.by, number=fault.number)
+
+    @property
+    def inhibited(self) -> Finding | None:
+        """Why the drive has not followed ON in time; None if its state is unknown."""
+        machine, word = self.machine, self.drive.feedback.statusword
+        if (state := state_of(word)) is None:
+            return None
+        supply = bool(word & StatusBit.VOLTAGE_ENABLED) or not machine.lacks_supply(state, unproven=True)
+        remote = bool(word & StatusBit.REMOTE)
+        return self.unheard or used_up(state, machine.settings.enter_ns, supply=supply, remote=remote)
 
     def transmit(self, now: int) -> None:
         outputs, guarding = self.machine.outputs, self.drive.guarding
@@ -344,22 +350,23 @@ class Axis(DriveObject):
         def compare(answer: Answer) -> None:
             if self._word == sent and answer.contradicts(CONTROLWORD, sent, _POWER_BITS):
                 self.untaken = untaken = Untaken(sent, answer.values.get(CONTROLWORD), shown, generation)
-                self.origins.prove(By.DRIVE, *untaken.texts, self.network.loop.now())
+                self.origins.prove(untaken.found._replace(since_ns=self.network.loop.now()))
 
         ask(self.drive, [CONTROLWORD], compare)
 
     @property
-    def unheard(self) -> tuple[str, Remedy] | None:
-        """Evidence and remedy of a drive that does not take the gateway's RPDOs; None: nothing shows that."""
+    def unheard(self) -> Finding | None:
+        """That the drive does not take the gateway's RPDOs; None: nothing shows that."""
         for reported in self.fault_log.reported(present=self.outputs.warning):
             record = reported.record
             if reported.active and record.code in PDO_ERRORS:
-                return f"the drive does not process the gateway's RPDOs: {record.text}", REMAP
+                evidence = f"the drive does not process the gateway's RPDOs: {record.text}"
+                return Finding(Reason.NOT_OPERATING, evidence, REMAP)
         untaken = self.untaken
         shown = self.drive.feedback.statusword & STATE_MASK
         if untaken is None or (untaken.shown, untaken.generation) != (shown, self._generation):
             return None
-        return untaken.texts
+        return untaken.found
 
     @property
     def acknowledged_in_vain(self) -> bool:

@@ -32,7 +32,7 @@ from pdgw.gateway.axis.values import (
 from pdgw.gateway.base.reasons import DEVICE_WARNING, GATEWAY_FAULTS, AxisState, By, FaultNumber, Finding, Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
-from pdgw.gateway.objects.enable_status import EnableStatus, untimed
+from pdgw.gateway.objects.enable_status import EnableStatus
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
 from pdgw.gateway.objects.origins import Origins
@@ -88,6 +88,8 @@ class DriveObject(abc.ABC):
         """The reason logged last."""
         self._operated = False
         """Whether it was in operation then."""
+        self.shown = EnableStatus(AxisState.STARTING, ())
+        """As it was logged or shown last."""
         self._logged_state: tuple[AxisState, Reason | None] | None = None
         self._shown_status: NodeStatus | None = None
         self._warned = False
@@ -252,8 +254,7 @@ class DriveObject(abc.ABC):
         shown = None if enable_status.broken is None else enable_status.broken.reason
         self.log_state(enable_status)
         if shown is not self._shown_reason:
-            text = untimed(enable_status.text)  # a happening has its own time
-            self._happened(text, stops=self._operated and enable_status.state is not AxisState.OBEYS)
+            self._happened(enable_status.happening, stops=self._operated and enable_status.state is not AxisState.OBEYS)
             self._operated = enable_status.state is AxisState.OBEYS
             self._shown_reason = shown
             cause = {"event": "reason", "do": self.do_id, "reason": "" if shown is None else shown.name}
@@ -272,11 +273,11 @@ class DriveObject(abc.ABC):
 
     def log_state(self, status: EnableStatus) -> None:
         """Log the event of another state or reason. A cycle without news does not see all of them; the next status does."""
-        broken = status.broken
+        self.shown, broken = status, status.broken
         state = status.state, broken.reason if broken else None
         if state != self._logged_state:
             self._logged_state = state
-            self.log_event("reason", self.do_id, status.sentence, 0)
+            self.log_event("reason", self.do_id, status.untimed.sentence, 0)
 
     def _report(self, events: Events) -> None:
         for record in events.faults:
@@ -288,7 +289,7 @@ class DriveObject(abc.ABC):
             self.origins.acknowledged()
 
     def _happened(self, text: str, *, stops: bool = False) -> None:
-        self.happenings.append(Happening(self.network.loop.now(), self.do_id, self.label, text, stops))
+        self.happenings.append(Happening(self.network.loop.now(), self.do_id, text, stops))
 
     def _write_all(self, client: NodeClient[Any], writes: Sequence[SdoWrite]) -> None:
         for item in writes:
@@ -348,7 +349,9 @@ class DriveObject(abc.ABC):
         """What has happened to the node; the next step processes it."""
         self._news.append(notice)
         if notice.notice is Notice.TWO_DEVICES:
-            self.origins.prove(By.BUS, f"two devices had node-ID {self.node_id}", (DISCONNECT,), notice.time_ns)
+            text = f"two devices had node-ID {self.node_id}"
+            found = Finding(Reason.DRIVE_OFFLINE, text, (DISCONNECT,), since_ns=notice.time_ns, by=By.BUS)
+            self.origins.prove(found)
         if (status := self.client.status) is not self._shown_status:
             self._shown_status = status
             self.log_event("node", self.do_id, f"node {self.node_id}: {status.value}", 0)

@@ -22,7 +22,8 @@ from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.base.finding_text import clock, finding_text
+from pdgw.gateway.base.reasons import DEVICE_WARNING, REFUSED_ORDERS, AxisState, Enable, FaultNumber, Finding, Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.base.steps import (
     Acknowledge,
@@ -39,8 +40,8 @@ from pdgw.gateway.objects.bit_effects import bit_effects
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.lag import lag_and, reductions
-from pdgw.gateway.objects.origins import Origin, clock, since, used_up
+from pdgw.gateway.objects.lag import lag_of, reductions
+from pdgw.gateway.objects.origins import of_fault
 from pdgw.profidrive.encoder import (
     ENCODER_ACKNOWLEDGE,
     SENSOR_ACKNOWLEDGE,
@@ -56,14 +57,14 @@ _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
 )
 _CONSUMER: Final = (
-    "the heartbeat consumer of the drive (1016h) stays in error (8130h), although the gateway sends its heartbeat",
-    ("restart the node (P972, or power off and on), which arms the consumer again",),
+    "the heartbeat consumer of the drive (1016h) stays in error (8130h), although the gateway sends its heartbeat"
 )
-"""A fault of a drive that acknowledging does not end, and its remedy."""
-_ENTERS: Final = (
-    "if it takes longer than {:g} s (enter_ms), check the brake, safe torque off (STO) and the enable input"
-)
+"""A fault of a drive that acknowledging does not end."""
+_ARM: Final = "restart the node (P972, or power off and on), which arms the consumer again"
 _ONLY_WITHOUT_POWER: Final = "only safe torque off (STO) or switching its supply off stops it"
+_HOME_LOST: Final = "the home position was lost with the drive"
+_KEEPS: Final = "the last setpoint stays"
+_WITHOUT_MDI: Final = "the task had MDI (SATZANW.15 = 1), which this telegram does not have: it was not started"
 _PHYSICAL = (Enable.BUS, Enable.NODE)
 AXIS_CHAIN: Final = (
     *_PHYSICAL,
@@ -91,19 +92,6 @@ _NAMED: Final = {
     Reason.LOST_JOG: 3 << 8,
 }
 """Bits of STW1 that a reason names."""
-_ORDERS: Final = {
-    Reason.REFERENCE_POINT_MOVING,
-    Reason.TASK_BLOCK_UNKNOWN,
-    Reason.TASK_SPEED_ZERO,
-    Reason.TASK_RAMP_ZERO,
-    Reason.TASK_TARGET_RANGE,
-    Reason.TASK_DRIVE_RANGE,
-    Reason.TASK_DIRECTION,
-    Reason.TASK_VELOCITY,
-    Reason.UPDATE_RELATIVE,
-    Reason.FUNCTION_RUNS,
-}
-"""Orders that were refused: each has the time of its warning 113."""
 _AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
 _SPEEDS: Final = (SignalQuantity.SPEED, SignalQuantity.MOTION_VELOCITY)
 _FULL: Final = 100.0
@@ -141,18 +129,25 @@ class _Chain:
     def passes(self, enable: Enable) -> None:
         self._links[enable] = ChainLink(enable, True)
 
-    def breaks(self, reason: Reason, evidence: str = "", todo: Remedy = ()) -> None:
+    def breaks(
+        self, reason: Reason, evidence: str = "", todo: Remedy = (), *, node: int = 0, since_ns: int = 0, more: str = ""
+    ) -> None:
         """The link of a reason is broken. What is not given is its own."""
-        text, steps = self.found(reason)
-        self._links[reason.enable] = ChainLink(reason.enable, False, reason, evidence or text, todo or steps)
+        own = self.found(reason)
+        found = Finding(reason, evidence or own.evidence, todo or own.remedy, node, since_ns, more=more)
+        self.breaks_by(reason, found)
 
-    def found(self, reason: Reason) -> tuple[str, Remedy]:
-        """Evidence and remedy of a reason: by its fault or warning of the gateway, or by the bits that give it."""
-        text, todo = bit_effects(reason, self._words)
+    def breaks_by(self, reason: Reason, found: Finding) -> None:
+        """The link of a reason is broken by what is found."""
+        self._links[reason.enable] = ChainLink(reason.enable, False, reason, found, self.item.client.loop)
+
+    def found(self, reason: Reason, effect: str = "") -> Finding:
+        """A reason with its fault or warning of the gateway, or with the bits that give it, which may have another effect."""
+        found = bit_effects(reason, self._words, effect)
         record = self.newest(number) if (number := _OWN_FAULTS.get(reason)) is not None else None
         if record is None:
-            return text, todo
-        return record.text, (record.remedy,) if record.remedy else todo
+            return found
+        return found._replace(evidence=record.text, remedy=(record.remedy,) if record.remedy else found.remedy)
 
     def newest(self, number: FaultNumber) -> FaultRecord | None:
         """The last fault or warning of this number."""
@@ -173,56 +168,54 @@ class _Chain:
         if self.item.good:
             self.passes(Enable.NODE)
             return True
-        node = f"node {self.item.node_id}"
+        node, bus = self.item.node_id, f"on bus {network.name}"
         text, place = client.refusal or client.cause
         todo: Remedy = (place,) if place else ()
         origin = self.item.origins.present
         match client.status:
             case NodeStatus.REFUSED | NodeStatus.CONFIGURING if client.refusal:
-                self.breaks(Reason.NODE_REFUSED, f"{node} is rejected: {text}", todo)
+                self.breaks(Reason.NODE_REFUSED, f"is rejected: {text}", todo, node=node)
             case NodeStatus.CONFIGURING:
-                progress = f"{node} is being configured{client.progress and f': {client.progress}'}"
+                progress = f"is being configured{client.progress and f': {client.progress}'}"
                 if origin is not None and origin.number:
-                    self.breaks(Reason.NODE_CONFIGURING, f"{progress}, after: {self.since(origin)}", origin.remedy)
+                    after = origin._replace(node=node, evidence=f"{progress}, after: {origin.evidence}")
+                    self.breaks_by(Reason.NODE_CONFIGURING, after)
                 else:
-                    self.breaks(Reason.NODE_CONFIGURING, progress)
+                    self.breaks(Reason.NODE_CONFIGURING, progress, node=node)
             case NodeStatus.ONLINE | NodeStatus.LOST if client.unconfirmed:
-                self.breaks(Reason.NODE_WRITTEN, f"{node} is being checked: {client.unconfirmed}")
+                self.breaks(Reason.NODE_WRITTEN, f"is being checked: {client.unconfirmed}", node=node)
             case NodeStatus.ONLINE:
-                self.breaks(offline, f"{node} on bus {network.name} sends no data in time")
+                self.breaks(offline, f"{bus} sends no data in time", node=node)
             case _ if client.is_first_request:
-                self.breaks(Reason.NODE_CONFIGURING, f"{node} has not answered yet")
+                self.breaks(Reason.NODE_CONFIGURING, "has not answered yet", node=node)
             case NodeStatus.OFFLINE | NodeStatus.LOST if others := network.unconfigured(
                 client.received_ns if client.status is NodeStatus.LOST else 0
             ):
                 there = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
-                self.breaks(offline, f"{node} on bus {network.name}: {text}; {there}", (_WRONG_NODE_ID,))
+                self.breaks(offline, f"{bus}: {text}; {there}", (_WRONG_NODE_ID,), node=node)
+            case _ if origin is not None and origin.number == FaultNumber.NODE_LOST and origin.times > 1:
+                evidence = f"{bus}: {origin.evidence}"
+                self.breaks_by(offline, origin._replace(node=node, evidence=evidence, remedy=todo or offline.remedy))
             case _:
-                if origin is not None and origin.number == FaultNumber.NODE_LOST and origin.count > 1:
-                    text = self.since(origin)
-                self.breaks(offline, f"{node} on bus {network.name}: {text}", todo)
+                self.breaks(offline, f"{bus}: {text}", todo, node=node)
         return False
 
-    def check_severe(self, acknowledge: Acknowledge, unstopped: str) -> None:
+    def check_severe(self, acknowledge: Acknowledge, unstopped: Finding | None) -> None:
         """A severe fault comes before everything else until it is acknowledged, after what it follows from.
 
         ``unstopped``: that no stop is left for a drive that turns.
         """
         origin, severe = self.item.origins.present, self.item.origins.severe
-        if unstopped:
-            self.breaks(Reason.SEVERE_FAULT, unstopped, (_ONLY_WITHOUT_POWER, acknowledge))
+        if unstopped is not None:
+            self.breaks_by(Reason.SEVERE_FAULT, unstopped._replace(remedy=(*unstopped.remedy, acknowledge)))
         elif severe is None:
             return
         else:
-            text, todo = _fault_and(self.item, severe, acknowledge)
-            if origin is not None and origin.number not in (0, severe.number) and origin.first_ns <= severe.first_ns:
-                text = f"{self.since(origin)}; then: {severe.evidence}"
-            self.breaks(Reason.SEVERE_FAULT, text, todo)
+            remedy = (*severe.remedy, acknowledge)
+            if origin is not None and origin.number not in (0, severe.number) and origin.since_ns <= severe.since_ns:
+                severe = origin._replace(more=f"; then: {severe.evidence}")
+            self.breaks_by(Reason.SEVERE_FAULT, severe._replace(remedy=remedy))
         self._links = {Enable.NO_FAULT: self._links.pop(Enable.NO_FAULT)} | self._links
-
-    def since(self, origin: Origin) -> str:
-        """The text of an origin, since when, and how often."""
-        return since(origin, self.item.client.loop)
 
     def check_plc(self, *, connected: bool, in_operation: bool, never: Reason, lost: bool) -> bool:
         """Whether its setpoints count. ``in_operation``: the object follows a connected PLC."""
@@ -232,15 +225,15 @@ class _Chain:
         if connected and in_operation:
             finding = None  # repeated losses, which are over
         if self.item.gateway_stops:
-            record = self.newest(FaultNumber.OTHER_MASTER)
-            origin = None if record is None else Origin.of(record)
-            self.breaks(Reason.GATEWAY_STOPS, *((origin.evidence, origin.remedy) if origin else ()))
+            other = self.newest(FaultNumber.OTHER_MASTER)
+            found = Finding.of(Reason.GATEWAY_STOPS) if other is None else of_fault(other)._replace(since_ns=0)
+            self.breaks_by(Reason.GATEWAY_STOPS, found)
         elif finding is not None:
-            self.breaks(*finding)
+            self.breaks_by(finding.reason, finding)
         elif connected:
             self.passes(Enable.PLC)
         elif lost and (record := self.newest(FaultNumber.PLC_LOST)):
-            self.breaks(Reason.PLC_LOST, self.since(Origin.of(record)))
+            self.breaks_by(Reason.PLC_LOST, of_fault(record)._replace(remedy=Reason.PLC_LOST.remedy))
         else:
             self.breaks(Reason.PLC_LOST if lost else never)
         return connected and not self.item.gateway_stops
@@ -283,8 +276,8 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
             chain.passes(Enable.CONTROL)
             _check_command(chain, axis)
     chain.keep(reason)
-    unstopped = _unstopped_text(axis)
-    if unstopped or not machine.units_contradicted:
+    unstopped = _unstopped(axis)
+    if unstopped is not None or not machine.units_contradicted:
         chain.check_severe(_acknowledge(axis), unstopped)
     if axis.released and axis.powered and axis.turns:
         return chain.enable_status(AxisState.OBEYS)
@@ -302,15 +295,12 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     commanded = asks and machine.interlock.reason in missing
     again = asks and not axis.released
     if state in FAULTY:
-        origin = Origin.of(cause.record) if (cause := axis.cause) is not None else None
-        if (
-            cause is not None
-            and origin is not None
-            and cause.record.code == HEARTBEAT_ERROR
-            and axis.acknowledged_in_vain
-        ):
-            origin.evidence, origin.remedy = _CONSUMER
-        chain.breaks(Reason.DRIVE_FAULT, *_fault_and(axis, origin, _acknowledge(axis)))
+        fault = Finding.of(Reason.DRIVE_FAULT, "", "remove the cause")
+        if (cause := axis.cause) is not None:
+            fault = of_fault(cause.record)
+            if fault.code == HEARTBEAT_ERROR and axis.acknowledged_in_vain:
+                fault = fault._replace(evidence=_CONSUMER, remedy=(_ARM,))
+        chain.breaks_by(Reason.DRIVE_FAULT, fault._replace(remedy=(*fault.remedy, _acknowledge(axis))))
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
     elif machine.units_contradicted:
@@ -328,50 +318,36 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         own = axis.released and (machine.outputs.command.target_velocity or machine.executor.limit_side)
         panel = Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE
         chain.breaks(panel, "", with_on(panel.remedy) if again else ())
-    elif reason is Reason.INHIBITED and state is not None:
-        supply = supplied or not machine.lacks_supply(state, unproven=True)
-        chain.breaks(
-            reason,
-            *(
-                axis.unheard
-                or used_up(state, machine.settings.enter_ns, supply=supply, remote=bool(statusword & StatusBit.REMOTE))
-            ),
-        )
+    elif reason is Reason.INHIBITED and (found := axis.inhibited) is not None:
+        chain.breaks_by(reason, found)
     elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
         chain.passes(Enable.OPERATION)
     elif commanded and (begin := machine.enters_since):
-        evidence = f"the drive opens its brake, or finds its commutation angle, since {clock(begin, axis.network.loop)}"
-        place = _ENTERS.format(machine.settings.enter_ns / SECOND)
-        chain.breaks(Reason.NOT_OPERATING, evidence, (Wait(""), place))
+        limit = f"if it takes longer than {machine.settings.enter_ns / SECOND:g} s (enter_ms)"
+        place = f"{limit}, check the brake, safe torque off (STO) and the enable input"
+        evidence = "the drive opens its brake, or finds its commutation angle"
+        chain.breaks(Reason.NOT_OPERATING, evidence, (Wait(""), place), since_ns=begin)
     elif commanded and state is not None and demand.power is not PowerWish.ON:
         local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
-        chain.breaks(
-            Reason.NOT_OPERATING,
-            *(axis.unheard or (f"ON is commanded, but the drive reports {state.value}{local}",)),
-        )
+        shown = f"ON is commanded, but the drive reports {state.value}{local}"
+        chain.breaks_by(Reason.NOT_OPERATING, axis.unheard or Finding.of(Reason.NOT_OPERATING, shown))
 
 
-def _fault_and(item: DriveObject, origin: Origin | None, acknowledge: Acknowledge) -> tuple[str, Remedy]:
-    """Evidence and remedy of a fault, as far as it is known. ``acknowledge``: what remains to be done after its cause."""
-    if origin is None:
-        return "", ("remove the cause", acknowledge)
-    return since(origin, item.client.loop), (*origin.remedy, acknowledge)
-
-
-def _sensor_and(error: SensorError | None, source: DriveObject, acknowledge: Acknowledge) -> tuple[str, Remedy]:
-    """Evidence and remedy of a sensor error; None: of the fault of an encoder. ``source``: whose position it has."""
+def _sensor_fault(error: SensorError | None, source: DriveObject, acknowledge: Acknowledge) -> Finding:
+    """A sensor error; None: the fault of an encoder. ``source``: whose position it has."""
     cause, origin = source.cause, source.origins.present
     if cause is not None and cause.record.of_device:
-        origin = Origin.of(cause.record)
+        origin = of_fault(cause.record)
     elif error not in (None, SensorError.SENSOR_GROUP):
         origin = None
-    evidence, todo = _fault_and(source, origin, acknowledge)
+    found = origin or Finding(Reason.SENSOR_ERROR, "", ("remove the cause",))
+    todo: Remedy = (*found.remedy, acknowledge)
     if error is SensorError.COMMAND_NOT_SUPPORTED:
         todo = (Give("G1_STW", "send G1_STW without this command"), acknowledge)
     what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
-    return ": ".join(filter(None, (what, evidence))), todo
+    return found._replace(evidence=": ".join(filter(None, (what, found.evidence))), remedy=todo)
 
 
 def _sensor_notes(axis: Axis) -> Iterator[str]:
@@ -384,8 +360,8 @@ def _sensor_notes(axis: Axis) -> Iterator[str]:
         if encoder is not None and not encoder.good:
             yield f"G{number} has no position: {encoder.label}: {encoder.enable_status.text}"
         elif sensor.state in (SensorState.ERROR, SensorState.ACKNOWLEDGING):
-            evidence, todo = _sensor_and(sensor.error, encoder or axis, Acknowledge(f"G{number}_STW.15"))
-            yield f"G{number}: {evidence}. {remedy_text(todo)}"
+            found = _sensor_fault(sensor.error, encoder or axis, Acknowledge(f"G{number}_STW.15"))
+            yield f"G{number}: {finding_text(found, axis.network.loop)}. {remedy_text(found.remedy)}"
 
 
 def _check_command(chain: _Chain, axis: Axis) -> None:
@@ -405,57 +381,59 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
         if cause is None:
             chain.breaks(missing)
         else:
-            origin = Origin.of(cause.record)
-            text = f"not acknowledged: {chain.since(origin)}"
-            chain.breaks(missing, text, (*origin.remedy, _acknowledge(axis)))
+            fault = of_fault(cause.record)
+            evidence, remedy = f"not acknowledged: {fault.evidence}", (*fault.remedy, _acknowledge(axis))
+            chain.breaks_by(missing, fault._replace(evidence=evidence, remedy=remedy))
         return
     chain.passes(Enable.ON_EDGE)
     if reason is Reason.SETPOINT_DISABLED and isinstance(demand, SpeedDemand) and demand.speed_wish is SpeedWish.FREEZE:
         chain.breaks(reason, _frozen_text(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
-        chain.breaks(reason, *_order_and(chain, axis, reason))
+        chain.breaks_by(reason, _order_of(chain, axis, reason))
     elif reason is None and axis.machine.executor.home_lost and axis.machine.executor.needs_home:
-        chain.breaks(Reason.HOME_LOST, f"{_home_text(axis)}, and an absolute task runs without it")
-    elif (texts := lag_and(axis)) is not None and not any(reductions(axis)):
-        chain.breaks(Reason.LAGS, *texts)
+        more = ", and an absolute task runs without it"
+        chain.breaks(Reason.HOME_LOST, _HOME_LOST, since_ns=axis.machine.executor.home_lost, more=more)
+    elif (lag := lag_of(axis)) is not None and not any(reductions(axis)):
+        chain.breaks_by(Reason.LAGS, lag)
     elif reason is None:
         chain.passes(Enable.SETPOINT)
 
 
-def _order_and(chain: _Chain, axis: Axis, reason: Reason) -> tuple[str, Remedy]:
-    """Evidence and remedy of a setpoint or an order: what it lacked, its bound or limit, its time; then bits without effect."""
+def _order_of(chain: _Chain, axis: Axis, reason: Reason) -> Finding:
+    """A setpoint or an order: what it lacked, its bound or limit, its time; then bits without effect."""
     executor, bits, positioner = axis.machine.executor, _NAMED.get(reason, 0), axis.config.positioner
-    text, todo = chain.found(reason)
-    others = executor.ignored & ~bits
-    if reason is Reason.SETPOINT_DISABLED and axis.machine.settings.setpoint_enable is SetpointEnable.HOLD:
-        text = f"{text.partition(' (')[0]} (the last setpoint stays)"
-    if reason in _ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
-        text = f"{text} (at {clock(record.time_ns, axis.network.loop)})"
+    keeps = axis.machine.settings.setpoint_enable is SetpointEnable.HOLD
+    found = chain.found(reason, _KEEPS if keeps and reason is Reason.SETPOINT_DISABLED else "")
+    others, more, todo = executor.ignored & ~bits, "", found.remedy
     if reason is Reason.FUNCTION_RUNS:
-        text = f"{text}; active now: {executor.lack(0).text}"
+        more = f"; active now: {executor.lack(0).text}"
         todo = (*todo[:-1], Edge(_bits(others))) if others else todo
     elif bits and reason is not Reason.EARLY_EDGE:
         lack = executor.lack(bits)
-        text = f"{text}: {lack.text}"
+        more = f": {lack.text}"
         edge = Edge(_bits(_control_word(axis)[1] & bits or bits), lack.zeros)
         todo = (Wait("for the end of the homing"), Bits((lack.holding,), 0), edge) if lack.holding else (edge,)
     elif reason is Reason.TASK_SPEED_ZERO and axis.telegram.number == _BLOCKS_ALONE:
-        text = text.replace("speed 0", "MDI (SATZANW.15 = 1), which this telegram does not have")
+        found = found._replace(evidence=_WITHOUT_MDI)
         todo = (Bits(("SATZANW.15",), 0), *todo[1:])
     elif reason is Reason.HOMING_METHOD and positioner is None:
         todo = (Give("HOMING_METHOD", "select a method that the drive supports in SATZANW"), *todo[1:])
     elif reason is Reason.TASK_BLOCK_UNKNOWN and not axis.config.block:
         todo = ("configure it in [[axis.block]]", *todo[1:])
-    elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and positioner.software_limits:
-        text = "{}: {} to {} LU".format(text, *positioner.software_limits)
+    elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and (limits := positioner.software_limits):
+        more = f": {limits[0]} to {limits[1]} LU"
     elif reason in _AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:
         stopped, free = ("positive", "negative") if executor.limit_side > 0 else ("negative", "positive")
-        text = f"{text}, in {stopped} direction"
+        more = f", in {stopped} direction"
         order = f"the {free} direction is free: send a setpoint or a task in {free} direction"
         todo = (Give("other direction", order),)
     if others and reason is Reason.REJECTED:
         todo = (*todo, Edge(_bits(others)))
-    return f"{text}; without effect: {_are_one(others)}" if others else text, todo
+    if others:
+        more = f"{more}; without effect: {_are_one(others)}"
+    if reason in REFUSED_ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
+        return found._replace(remedy=todo, more=more, since_ns=record.time_ns)
+    return found._replace(remedy=todo, evidence=found.evidence + more)
 
 
 def _check_latch(chain: _Chain, axis: Axis) -> None:
@@ -464,13 +442,8 @@ def _check_latch(chain: _Chain, axis: Axis) -> None:
     if origin is None:
         chain.breaks(Reason.NEEDS_OFF)
         return
-    chain.breaks(Reason.NEEDS_OFF, f"ON ignored: {chain.since(origin)}", with_on(origin.remedy))
-
-
-def _home_text(axis: Axis) -> str:
-    """That the home position was lost; empty if it was not."""
-    lost = axis.machine.executor.home_lost
-    return f"the home position was lost with the drive at {clock(lost, axis.network.loop)}" if lost else ""
+    ignored = origin._replace(evidence=f"ON ignored: {origin.evidence}", remedy=with_on(origin.remedy))
+    chain.breaks_by(Reason.NEEDS_OFF, ignored)
 
 
 def activity(axis: Axis) -> str:
@@ -489,14 +462,15 @@ def _frozen_text(axis: Axis) -> str:
     return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}"
 
 
-def _unstopped_text(axis: Axis) -> str:
-    """For how long a drive has turned that no stop of the gateway stops; empty while there is one left."""
+def _unstopped(axis: Axis) -> Finding | None:
+    """A drive that turns and that no stop of the gateway stops; None while there is one left."""
     if not (since_ns := axis.machine.unstopped_since):
-        return ""
-    loop, velocity, per_rpm = axis.network.loop, axis.drive.feedback.velocity_actual, axis.scaling.velocity_per_rpm
+        return None
+    velocity, per_rpm = axis.drive.feedback.velocity_actual, axis.scaling.velocity_per_rpm
     speed = f"{float(velocity / per_rpm):g} rpm" if per_rpm else f"606Ch = {velocity}"
-    time = f"since {clock(since_ns, loop)}, for {(loop.now() - since_ns) // SECOND} s, with {speed}"
-    return f"no stop of the gateway stops the drive: it turns, {time}"
+    more = f", for {(axis.network.loop.now() - since_ns) // SECOND} s, with {speed}"
+    text = "no stop of the gateway stops the drive: it turns"
+    return Finding(Reason.SEVERE_FAULT, text, (_ONLY_WITHOUT_POWER,), since_ns=since_ns, more=more)
 
 
 def _control_word(axis: Axis) -> tuple[str, int]:
@@ -574,12 +548,16 @@ def notes(axis: Axis) -> list[str]:
             found.append(
                 f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
             )
-    if any(reductions(axis)) and (texts := lag_and(axis)) is not None:
-        found.append(texts[0])
-    found += filter(None, (activity(axis), _home_text(axis)))
+    loop, executor = axis.network.loop, axis.machine.executor
+    if any(reductions(axis)) and (lag := lag_of(axis)) is not None:
+        found.append(finding_text(lag, loop))
+    if text := activity(axis):
+        found.append(text)
+    if executor.home_lost:
+        found.append(f"{_HOME_LOST} at {clock(executor.home_lost, loop)}")
     found += _sensor_notes(axis)
-    if axis.machine.executor.range_note:
-        found.append(axis.machine.executor.range_note)
+    if executor.range_note:
+        found.append(executor.range_note)
     return found
 
 
@@ -601,7 +579,8 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
         error = machine.channel.sensor.error if machine.in_error else None
         if machine.in_error or machine.control.fault:
             kind = Reason.SENSOR_ERROR if machine.in_error else Reason.ENCODER_FAULT
-            chain.breaks(kind, *_sensor_and(error, encoder, _acknowledge_encoder(encoder)))
+            found = _sensor_fault(error, encoder, _acknowledge_encoder(encoder))
+            chain.breaks_by(kind, found if found.evidence else found._replace(evidence=kind.value))
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import NamedTuple
 
-from pdgw.gateway.base.reasons import AxisState, Enable, Reason
+from pdgw.ds301.loop.loop import Loop
+from pdgw.gateway.base.finding_text import evidence_text, finding_text
+from pdgw.gateway.base.reasons import AxisState, Enable, Finding, Reason
 from pdgw.gateway.base.step_text import remedy_text
-from pdgw.gateway.base.steps import Remedy
-
-_TIME = re.compile(r",? \(?(?:since|at) \d\d:")
 
 
 class ChainLink(NamedTuple):
@@ -20,19 +18,20 @@ class ChainLink(NamedTuple):
     """None if the link cannot be checked: a drive on a broken bus is unknown."""
     reason: Reason | None = None
     """Reason of a broken link."""
-    evidence: str = ""
-    """Evidence that it is broken."""
-    remedy: Remedy = ()
+    found: Finding | None = None
+    """Why it is broken. Its own reason may be that of what came before."""
+    loop: Loop | None = None
+    """For the times of day."""
+
+    @property
+    def evidence(self) -> str:
+        """The text that it is broken."""
+        return "" if self.found is None else finding_text(self.found, self.loop)
 
     @property
     def todo(self) -> str:
         """The text of the remedy."""
-        return remedy_text(self.remedy)
-
-
-def untimed(text: str) -> str:
-    """A text without its time and what follows."""
-    return _TIME.split(text)[0]
+        return "" if self.found is None else remedy_text(self.found.remedy)
 
 
 class EnableStatus(NamedTuple):
@@ -57,3 +56,18 @@ class EnableStatus(NamedTuple):
         """State and reason."""
         link = self.broken
         return self.state.value if link is None else f"{self.state.value}: {link.evidence}"
+
+    @property
+    def untimed(self) -> EnableStatus:
+        """The same with texts without times: an event has its own."""
+        return self._replace(chain=tuple(link._replace(loop=None) for link in self.chain))
+
+    @property
+    def happening(self) -> str:
+        """State and evidence alone."""
+        link = self.broken
+        return (
+            self.state.value
+            if link is None or link.found is None
+            else f"{self.state.value}: {evidence_text(link.found)}"
+        )

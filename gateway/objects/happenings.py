@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from pdgw.base.durations import SECOND
-from pdgw.gateway.base.reasons import with_count
+from pdgw.gateway.base.finding_text import with_count
 
 KEPT: Final = 100
 """Happenings that a drive object keeps."""
@@ -32,7 +32,6 @@ class Happening(NamedTuple):
     time_ns: int
     """Monotonic."""
     do_id: int
-    label: str
     text: str
     stops: bool
     """A fault, or the end of operation."""
@@ -43,8 +42,8 @@ class Line:
     """One line: the same thing at the same time of several drive objects is one, and so are its repetitions."""
 
     text: str
-    labels: dict[int, str]
-    """By DO-ID."""
+    objects: set[int]
+    """DO-IDs."""
     begin_ns: int
     time_ns: int
     """The last time."""
@@ -88,14 +87,14 @@ def _folded(happenings: Iterable[Happening]) -> list[Line]:
         if line is None or item.do_id in line.last or item.time_ns - line.time_ns >= SECOND:
             line = own.get(key)
             if line is None or item.time_ns - line.time_ns >= _REPEATS_NS:
-                line = Line(item.text, {}, item.time_ns, item.time_ns, order)
+                line = Line(item.text, set(), item.time_ns, item.time_ns, order)
                 lines.append(line)
             else:
                 line.time_ns, line.order = item.time_ns, order
                 line.count += 1
                 line.last.clear()
         line.last.add(item.do_id)
-        line.labels[item.do_id] = item.label
+        line.objects.add(item.do_id)
         line.stops |= item.stops
         newest[item.text] = own[key] = line
     return sorted(lines, key=lambda line: line.order)

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 
 from pdgw.base.durations import MS
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
+from pdgw.ds301.bus.health import Outage
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.objects import (
     MAX_MOTOR_SPEED,
@@ -21,7 +22,7 @@ from pdgw.dsp402.objects import (
     POSITIVE_TORQUE_LIMIT,
     PROFILE_ACCELERATION,
 )
-from pdgw.gateway.base.steps import Remedy
+from pdgw.gateway.base.reasons import By, Finding, Reason
 
 Address = tuple[int, int]
 PATIENCE_NS: Final = 200 * MS
@@ -103,16 +104,19 @@ class Untaken:
     """Number of the configuration of the node."""
 
     @property
-    def texts(self) -> tuple[str, Remedy]:
+    def found(self) -> Finding:
         """Evidence and remedy."""
         if self.has is None:
             return SENDS_NOTHING
-        return f"the drive does not take the Controlword: 6040h is {self.has:04X}h, {self.sent:04X}h was sent", REMAP
+        evidence = f"the drive does not take the Controlword: 6040h is {self.has:04X}h, {self.sent:04X}h was sent"
+        return Finding(Reason.NOT_OPERATING, evidence, REMAP, by=By.DRIVE)
 
 
-SENDS_NOTHING: Final = (
+SENDS_NOTHING: Final = Finding(
+    Reason.NOT_OPERATING,
     "the drive follows no Controlword and answers no SDO request, but its frames arrive: the interface may send nothing",
-    ("unplug the CAN adapter for a moment, or set its interface down and up; check its driver",),
+    (Outage.STUCK.remedy,),
+    by=By.DRIVE,
 )
 REMAP: Final = (
     "restart the node (P972, or power off and on): some drives use a new PDO mapping only then; else compare its RPDO mapping "

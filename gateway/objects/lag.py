@@ -8,27 +8,23 @@ from typing import Final
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import MODE_DISPLAY
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.base.reasons import Reason
-from pdgw.gateway.base.steps import Remedy
+from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.inquiry import LIMITS, SENDS_NOTHING, LimitKind
-from pdgw.gateway.objects.origins import clock
 from pdgw.profidrive.signal_text import value_text
 
 _WIDEN: Final = ("raise this limit, or give a setpoint within it",)
 
 
-def lag_and(axis: Axis) -> tuple[str, Remedy] | None:
-    """Evidence and remedy of an axis in operation that does not follow its setpoint; None if it follows, or if it has another
-    reason."""
+def lag_of(axis: Axis) -> Finding | None:
+    """An axis in operation that does not follow its setpoint; None if it follows, or if it has another reason."""
     lags = axis.machine.lags_since
     if not lags or axis.machine.outputs.reason is not None:
         return None
-    since = f"does not follow its setpoint since {clock(lags, axis.network.loop)}"
+    found = Finding(Reason.LAGS, "does not follow its setpoint", Reason.LAGS.remedy, since_ns=lags)
     answer = axis.limits
     if answer is not None and answer.silent:
-        evidence, remedy = SENDS_NOTHING
-        return f"{since}: {evidence}", remedy
+        return found._replace(more=f": {SENDS_NOTHING.evidence}", remedy=SENDS_NOTHING.remedy)
     values = {} if answer is None else answer.values
     mode = values.get(MODE_DISPLAY, 0)
     present = [limit for limit in LIMITS if limit.address in values]
@@ -38,9 +34,8 @@ def lag_and(axis: Axis) -> tuple[str, Remedy] | None:
     if axis.drive.feedback.statusword & StatusBit.INTERNAL_LIMIT:
         own.append("Statusword.11 = 1 (internal limit)")
     if explains or own:
-        return f"{since}: limited by {', '.join((*own, *(shown if explains else ())))}", _WIDEN
-    inside = f"; limits of the drive: {', '.join(shown)}" if shown else ""
-    return since + inside, Reason.LAGS.remedy
+        return found._replace(more=f": limited by {', '.join((*own, *(shown if explains else ())))}", remedy=_WIDEN)
+    return found._replace(more=f"; limits of the drive: {', '.join(shown)}" if shown else "")
 
 
 def reductions(axis: Axis) -> Iterator[str]:

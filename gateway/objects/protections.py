@@ -68,12 +68,14 @@ def _of_positions(axis: Axis) -> Iterator[Protection]:
     if not isinstance(executor, PositionerExecutor) or positioner is None:
         return
     basic = executor.positioner
-    bit = "POS_STW2.{} = 1" if "POS_STW2" in axis.telegram.setpoints.names else "a PLC in control"
-    if positioner.software_limits is not None:
-        watched = "" if basic.request.commands & Command.SOFTWARE_LIMITS else bit.format(14)
+    by_bits = "POS_STW2" in axis.telegram.setpoints.names
+    if (limits := positioner.software_limits) is not None:
+        needs = "POS_STW2.14 = 1" if by_bits else "a PLC in control"
+        watched = "" if basic.request.commands & Command.SOFTWARE_LIMITS else needs
         home = "" if basic.home_set else "a homed axis or a reference point"
-        yield _of("software limits", "{} to {} LU".format(*positioner.software_limits), watched, home)
+        yield _of("software limits", f"{limits[0]} to {limits[1]} LU", watched, home)
     lacks = [] if plan is None or "digital_inputs" in plan.shown else ["60FDh in a PDO"]
-    lacks += [] if basic.request.commands & Command.HARDWARE_LIMITS else [bit.format(15)]
+    if not basic.request.commands & Command.HARDWARE_LIMITS:
+        lacks.append("POS_STW2.15 = 1" if by_bits else "a PLC in control")
     shown = f"; POS_ZSW1 shows them with {' and '.join(lacks)}" if lacks else ", and POS_ZSW1 shows them"
     yield Protection("hardware limit switches", None, f"the drive itself stops at them{shown}")

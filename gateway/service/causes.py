@@ -2,155 +2,165 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime
+from collections.abc import Collection, Iterator, Sequence
 from itertools import groupby
-from math import inf
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from pdgw.gateway.base.reasons import AxisState, Reason
-from pdgw.gateway.objects.enable_status import untimed
+from pdgw.base.durations import MS, SECOND
+from pdgw.gateway.base.finding_text import EACH_NODE, clock, evidence_text, finding_text, times_text
+from pdgw.gateway.base.reasons import AxisState, Finding, Reason
+from pdgw.gateway.base.step_text import remedy_text
+from pdgw.gateway.objects.drive_object import DriveObject
 
-_OBEYS: Final = AxisState.OBEYS.name
-_FINE: Final = (_OBEYS, AxisState.OFF.name)
-"""States that need no action."""
-_ORDER: Final = tuple(state.name for state in reversed(AxisState))
+_ORDER: Final = tuple(reversed(AxisState))
 """Order of the states, the worst first."""
-_OFFLINE: Final = (Reason.DRIVE_OFFLINE.name, Reason.ENCODER_OFFLINE.name)
-_NUMBER: Final = re.compile(r"\d+")
+_OFFLINE: Final = (Reason.DRIVE_OFFLINE, Reason.ENCODER_OFFLINE)
 _TEXTS: Final = 3
-"""Texts that differ in their numbers only, in one line."""
-_TOGETHER_MS: Final = 1000.0
+"""Texts, or times, of one cause in one line."""
+_TOGETHER_NS: Final = SECOND
 """Nodes of a bus that were last heard so shortly after each other have one cause."""
-_SHARED: Final = "check what these nodes share: CAN cable, termination, bit rate and supply"
+_SHARED: Final = ("check what these nodes share: CAN cable, termination, bit rate and supply",)
 
 
-def causes(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The causes among the statuses of drive objects, the worst first, of equal ones that of most objects."""
-    groups: dict[object, list[dict[str, Any]]] = {}
-    together = _lost_together(items)
+class Stop(NamedTuple):
+    """What keeps one drive object from operation."""
+
+    item: DriveObject
+    state: AxisState
+    reason: Reason
+    found: Finding
+
+    @property
+    def evidence(self) -> str:
+        """Without times; of a node, as of each node."""
+        return evidence_text(self.found._replace(node=EACH_NODE) if self.found.node else self.found)
+
+    @property
+    def when(self) -> str:
+        """The begin, and how often; empty without a time."""
+        if not self.found.since_ns:
+            return ""
+        times = f", {self.found.times} times" if self.found.times > 1 else ""
+        return clock(self.found.since_ns, self.item.network.loop) + times
+
+
+def causes(items: Sequence[DriveObject]) -> list[dict[str, Any]]:
+    """The causes in the states of drive objects that were shown, the worst first, of equal ones that of most objects."""
+    stops = []
     for item in items:
-        if (text := together.get(item["do_id"])) is not None:
-            groups.setdefault(text, []).append(item | {"reason": text, "remedy": _SHARED})
-        elif item["state_id"] not in _FINE or (
-            item["reason_id"] and (item["state_id"] == _OBEYS or item["cause"] is not None)
-        ):
-            groups.setdefault(_key(item), []).append(item)
-    found = [_cause(members) for members in groups.values()]
-    return sorted(found, key=lambda cause: (_ORDER.index(cause["state_id"]), -len(cause["objects"])))
+        state, link = item.shown.state, item.shown.broken
+        # One that is off as the PLC asks needs no action, unless a fault of it is not acknowledged.
+        if link is not None and link.reason and link.found and (state is not AxisState.OFF or item.cause):
+            stops.append(Stop(item, state, link.reason, link.found))
+    groups: dict[object, list[Stop]] = {}
+    together = _lost_together(stops, {(item.network.name, item.node_id) for item in items})
+    for stop in stops:
+        loss, own = together.get(stop.item.do_id), stop.found
+        key = loss or (stop.state, stop.reason, own.reason, own.by, own.number, own.code, own.remedy)
+        groups.setdefault(key, []).append(stop._replace(found=loss or own))
+    members = sorted(groups.values(), key=lambda stops: (_ORDER.index(stops[0].state), -len(stops)))
+    return [_cause(stops) for stops in members]
 
 
-def _lost_together(items: Sequence[dict[str, Any]]) -> dict[int, str]:
-    """What explains the loss of several nodes of a bus at one moment, by the DO-ID of their objects."""
-    offline = [(item["bus"], item["heard_age_ms"] or inf, item) for item in items if item["reason_id"] in _OFFLINE]
-    offline.sort(key=lambda loss: loss[:2])
-    found: dict[int, str] = {}
+def _lost_together(stops: Sequence[Stop], nodes: Collection[tuple[str, int]]) -> dict[int, Finding]:
+    """What explains the loss of several nodes of a bus at one moment, by the DO-ID of their objects. ``nodes``: bus and ID of
+    all."""
+    offline = [stop.item for stop in stops if stop.reason in _OFFLINE]
+    offline.sort(key=lambda item: (item.network.name, -item.client.received_ns))
+    found: dict[int, Finding] = {}
     while offline:
-        bus, first, _ = offline[0]
-        members = [loss for loss in offline if loss[0] == bus and not loss[1] - first > _TOGETHER_MS]
+        bus, last_ns = offline[0].network.name, offline[0].client.received_ns
+        members = [
+            item
+            for item in offline
+            if item.network.name == bus
+            and item.client.received_ns + _TOGETHER_NS >= last_ns
+            and (item.client.received_ns > 0) is (last_ns > 0)
+        ]
         del offline[: len(members)]
-        lost = {item["node_id"] for _, _, item in members}
+        lost = {item.node_id for item in members}
         if len(lost) > 1:
-            known = {item["node_id"] for item in items if item["bus"] == bus}
-            when = (
-                f"lost within {members[-1][1] - first:.0f} ms" if first < inf else "have not answered since the start"
-            )
-            text = f"{len(lost)} of {len(known)} nodes on bus {bus} {when}: CAN cable or supply"
-            found |= {item["do_id"]: text for _, _, item in members}
+            known = sum(name == bus for name, _ in nodes)
+            apart = (last_ns - members[-1].client.received_ns) / MS
+            when = f"lost within {apart:.0f} ms" if last_ns else "have not answered since the start"
+            text = f"{len(lost)} of {known} nodes on bus {bus} {when}: CAN cable or supply"
+            loss = Finding(Reason.DRIVE_OFFLINE, text, _SHARED)
+            found |= {item.do_id: loss for item in members}
     return found
 
 
-def _key(item: dict[str, Any]) -> tuple[str, str, str, str]:
-    """Objects with the same reason, evidence and remedy, whatever the numbers, are one line."""
-    text = untimed(item["reason"])
-    return item["state_id"], item["reason_id"], _NUMBER.sub("", text), _NUMBER.sub("", item["remedy"])
-
-
-def _text(members: list[dict[str, Any]]) -> str:
-    """The evidence of all, or that of each group of them, in their order."""
-    if len({item["reason"] for item in members}) == 1:
-        return str(members[0]["reason"])
-    shared: dict[str, list[dict[str, Any]]] = {}
-    for item in members:
-        own = untimed(item["reason"]).replace(f"node {item['node_id']} ", "each node ")
-        shared.setdefault(own.replace(f"node {item['node_id']}:", "each node:"), []).append(item)
+def _text(stops: Sequence[Stop]) -> str:
+    """The text of all, or that of each group of them, in their order."""
+    texts = {finding_text(stop.found, stop.item.network.loop) for stop in stops}
+    if len(texts) == 1:
+        return texts.pop()
+    shared: dict[str, list[Stop]] = {}
+    for stop in stops:
+        shared.setdefault(stop.evidence, []).append(stop)
     if len(shared) == 1:
-        (text,) = shared
-        return text + _since(members) + _recalled(members)
-    more = len(shared) - _TEXTS
-    texts = [f"{_who(found)}: {text}{_since(found)}" for text, found in shared.items()][:_TEXTS]
-    return "; ".join(texts) + (f"; and {more} more of the kind" if more > 0 else "")
+        return _line(stops)
+    lines = [f"{_who(found)}: {_line(found)}" for found in shared.values()]
+    more = len(lines) - _TEXTS
+    return "; ".join(lines[:_TEXTS]) + (f"; and {more} more of the kind" if more > 0 else "")
 
 
-def _since(members: list[dict[str, Any]]) -> str:
-    """Since when, and how often, for each of them where they differ; empty if their line has no time."""
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for item in members:
-        groups.setdefault(_when(item), []).append(item)
+def _line(stops: Sequence[Stop]) -> str:
+    """The evidence that all of them have, since when, how often, and what follows."""
+    more = {stop.found.more for stop in stops}
+    return stops[0].evidence + _since(stops) + (more.pop() if len(more) == 1 else "") + _recalled(stops)
+
+
+def _since(stops: Sequence[Stop]) -> str:
+    """Since when, and how often, for each of them where they differ; empty if one of them has no time."""
+    groups: dict[str, list[Stop]] = {}
+    for stop in stops:
+        groups.setdefault(stop.when, []).append(stop)
     if "" in groups:
         return ""
     if len(groups) == 1:
-        return f", since {next(iter(groups))}"
+        return times_text(stops[0].found, stops[0].item.network.loop)
     if len(groups) <= _TEXTS:
         return f", since {', '.join(f'{when} ({_who(found)})' for when, found in groups.items())}"
-    return f", since {min(groups)} to {max(groups)}"
+    first, *_, last = sorted(stops, key=lambda stop: stop.found.since_ns)
+    return f", since {first.when} to {last.when}"
 
 
-def _when(item: dict[str, Any]) -> str:
-    """The time of the origin of a latch or of a fault, and how often it came; empty if the line of the object has none."""
-    origin, cause = item["origin"], item["cause"]
-    if untimed(item["reason"]) == item["reason"]:
-        return ""
-    if item["reason_id"] == Reason.NEEDS_OFF.name and origin is not None:
-        count = f", {origin['count']} times" if origin["count"] > 1 else ""
-        return time_of_day(origin["first"]) + count
-    return "" if cause is None else time_of_day(cause["time"])
-
-
-def _recalled(members: list[dict[str, Any]]) -> str:
+def _recalled(stops: Sequence[Stop]) -> str:
     """After a start: how the last gateway ended, and what had stopped each of them then."""
-    origins = [item["origin"] for item in members]
-    if any(origin is None or not origin["ended"] for origin in origins):
+    before: dict[str, list[Stop]] = {}
+    for stop in stops:
+        before.setdefault(stop.found.before, []).append(stop)
+    if not stops[0].found.ended:
         return ""
-    before: dict[str, list[dict[str, Any]]] = {}
-    for item, origin in zip(members, origins, strict=True):
-        if origin["before"]:
-            before.setdefault(origin["before"], []).append(item)
-    texts = [f"{_who(found)}: {text}" for text, found in before.items()]
-    return f"; {origins[0]['ended']}" + (f"; before: {'; '.join(texts)}" if texts else "")
+    texts = [f"{_who(found)}: {text}" for text, found in before.items() if text]
+    return f"; {stops[0].found.ended}" + (f"; before: {'; '.join(texts)}" if texts else "")
 
 
-def _who(members: list[dict[str, Any]]) -> str:
-    return who({item["do_id"]: item["label"] for item in members})
+def _who(stops: Sequence[Stop]) -> str:
+    return who([stop.item for stop in stops])
 
 
-def time_of_day(text: str) -> str:
-    """Hours, minutes and seconds of a time in ISO text."""
-    return datetime.fromisoformat(text).strftime("%H:%M:%S")
-
-
-def _cause(members: list[dict[str, Any]]) -> dict[str, Any]:
-    first = members[0]
+def _cause(stops: Sequence[Stop]) -> dict[str, Any]:
+    first = stops[0]
     return {
-        "state": first["state"],
-        "state_id": first["state_id"],
-        "reason": _text(members),
-        "reason_id": first["reason_id"],
-        "remedy": first["remedy"],
-        "who": _who(members),
-        "objects": [item["do_id"] for item in members],
+        "state": first.state.value,
+        "state_id": first.state.name,
+        "reason": _text(stops),
+        "reason_id": first.reason.name,
+        "remedy": remedy_text(first.found.remedy),
+        "who": _who(stops),
+        "objects": [stop.item.do_id for stop in stops],
     }
 
 
-def who(labels: Mapping[int, str]) -> str:
-    """``axis 3 "slide"``, or ``axes 1-4, 7; encoder 9``; ``labels`` by DO-ID."""
-    kinds: dict[str, list[int]] = {}
-    for do_id, label in labels.items():
-        kinds.setdefault(label.partition(" ")[0], []).append(do_id)
+def who(items: Sequence[DriveObject]) -> str:
+    """``axis 3 "slide"``, or ``axes 1-4, 7; encoder 9``."""
+    kinds: dict[str, list[DriveObject]] = {}
+    for item in items:
+        kinds.setdefault(item.kind, []).append(item)
     plurals = {"axis": "axes", "encoder": "encoders"}
     return "; ".join(
-        labels[found[0]] if len(found) == 1 else f"{plurals[kind]} {', '.join(_ranges(found))}"
+        found[0].label if len(found) == 1 else f"{plurals[kind]} {', '.join(_ranges([item.do_id for item in found]))}"
         for kind, found in kinds.items()
     )
 

@@ -17,6 +17,7 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.loop.loop import Event, Loop, Task, Timer
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
+from pdgw.gateway.base.finding_text import clock, finding_line, wall_time
 from pdgw.gateway.base.identity import interpreter, kind
 from pdgw.gateway.base.ports import bound
 from pdgw.gateway.base.step_text import remedy_text
@@ -27,7 +28,6 @@ from pdgw.gateway.objects.enable_chain import activity, device_warning, notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import LINES, around_the_last_stop
-from pdgw.gateway.objects.origins import clock
 from pdgw.gateway.objects.protections import protections
 from pdgw.gateway.objects.totals import FLAPS, Total
 from pdgw.gateway.service.causes import causes, who
@@ -56,7 +56,7 @@ def clock_time(seconds: float) -> str:
 
 def _shown_time(loop: Loop, time_ns: int) -> str:
     """``clock_time`` of a monotonic time."""
-    return clock_time(loop.wall() - (loop.now() - time_ns) / SECOND)
+    return clock_time(wall_time(time_ns, loop))
 
 
 def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str, Any]]:
@@ -96,9 +96,9 @@ def _origin(item: DriveObject) -> dict[str, Any] | None:
         "ended": origin.ended,
         "before": origin.before,
         "remedy": remedy_text(origin.remedy),
-        "count": origin.count,
-        "first": _shown_time(loop, origin.first_ns),
-        "last": _shown_time(loop, origin.last_ns or origin.first_ns),
+        "count": origin.times,
+        "first": _shown_time(loop, origin.since_ns),
+        "last": _shown_time(loop, origin.last_ns or origin.since_ns),
     }
 
 
@@ -287,7 +287,7 @@ def _head(daemon: RunningGateway) -> dict[str, Any]:
             "type": config.transport.type,
             "cycle_ms": config.transport.cycle_time_ms,
             "heard_age_ms": None if received_ns is None else round((loop.now() - received_ns) / MS, 1),
-            "refused": "" if finding is None else finding.text,
+            "refused": "" if finding is None else finding_line(finding, loop),
             "refused_id": "" if finding is None else finding.reason.name,
         }
         | daemon.link.status(),
@@ -325,14 +325,12 @@ def snapshot(daemon: RunningGateway) -> dict[str, Any]:
 def encoded(daemon: RunningGateway) -> Iterator[bytes]:
     """The snapshot as one line of JSON, one drive object at a time: the exchange continues between two parts."""
     yield json.dumps(_head(daemon))[:-1].encode()
-    found = []
     for name, items in (("axes", map(axis_status, daemon.axes)), ("encoders", map(encoder_status, daemon.encoders))):
         yield f', "{name}": ['.encode()
         for number, item in enumerate(items):
-            found.append(item)
             yield (b", " if number else b"") + json.dumps(item).encode()
         yield b"]"
-    yield f', "last_event": {daemon.events.newest}, "causes": {json.dumps(causes(found))}}}\n'.encode()
+    yield f', "last_event": {daemon.events.newest}, "causes": {json.dumps(causes([*daemon.axes, *daemon.encoders]))}}}\n'.encode()
 
 
 def explanation(daemon: RunningGateway, items: Sequence[DriveObject]) -> list[dict[str, Any]]:
@@ -344,7 +342,7 @@ def explanation(daemon: RunningGateway, items: Sequence[DriveObject]) -> list[di
     found = around_the_last_stop((happening for item in calm for happening in item.happenings), room)
     if not found:  # none other has stopped
         found = around_the_last_stop((happening for item in items for happening in item.happenings), room)
-    shown = [(line.time_ns, who(line.labels), line.shown) for line in found]
+    shown = [(line.time_ns, who([item for item in items if item.do_id in line.objects]), line.shown) for line in found]
     for item in items:
         if (total := often.get(item.do_id)) is not None:
             since, last = clock(total.first_ns, loop), clock(total.last_ns, loop)

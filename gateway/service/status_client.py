@@ -27,23 +27,23 @@ def fetch(port: int, patience_s: float = _PATIENCE_S) -> dict[str, Any]:
 
 def fetch_events(port: int, number: int, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
     """The events after this number that the daemon keeps, the oldest first."""
-    return _fetch_list(port, f"events {number}", "events", patience_s)
+    return _fetch_list(port, ("events", str(number)), "events", patience_s)
 
 
 def fetch_faults(port: int, do_id: int, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
     """All faults and warnings of a drive object that the daemon keeps, newest first; GatewayError when there is no such one."""
-    return _fetch_list(port, f"faults {do_id}", "faults", patience_s)
+    return _fetch_list(port, ("faults", str(do_id)), "faults", patience_s)
 
 
 def fetch_explanation(port: int, do_id: int | None, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
     """The lines around the last fault or stop, of one drive object or (None) of all; GatewayError when there is no such one."""
-    return _fetch_list(port, "explain" if do_id is None else f"explain {do_id}", "lines", patience_s)
+    return _fetch_list(port, ("explain", "" if do_id is None else str(do_id)), "lines", patience_s)
 
 
-def _fetch_list(port: int, request: str, key: str, patience_s: float) -> list[dict[str, Any]]:
-    document = _ask(port, request, patience_s)
+def _fetch_list(port: int, request: tuple[str, str], key: str, patience_s: float) -> list[dict[str, Any]]:
+    document = _ask(port, " ".join(request), patience_s)
     if "error" in document:
-        raise GatewayError(f"{document.get('field')} {request.partition(' ')[2]}: {document['error']}")
+        raise GatewayError(f"{document.get('field')} {request[1]}: {document['error']}")
     found = document.get(key)
     if not isinstance(found, list):
         raise _no_gateway(port)

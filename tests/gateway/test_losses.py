@@ -48,7 +48,7 @@ def test_a_loss_while_a_write_is_open_is_one_fault(cycles: int) -> None:
         run(gateway, 200)
         assert [record.number for record in axis.faults] == [*before, FaultNumber.NODE_LOST]
         assert axis.origins.present is not None
-        assert axis.origins.present.count == 1
+        assert axis.origins.present.times == 1
 
 
 @pytest.mark.parametrize("cycles", range(20, 26))

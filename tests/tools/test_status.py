@@ -12,7 +12,6 @@ import pytest
 
 from pdgw.gateway.base.reasons import AxisState
 from pdgw.gateway.daemon.daemon import Daemon
-from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
 from pdgw.profidrive.signal_text import texts
 from pdgw.profidrive.telegrams import telegram
@@ -153,8 +152,10 @@ def well_document() -> dict[str, Any]:
 
 def with_axis(well_document: dict[str, Any], **keys: object) -> dict[str, Any]:
     """The same with other values of the first axis."""
-    axes = [well_document["axes"][0] | keys]
-    return well_document | {"axes": axes, "causes": causes([*axes, *well_document["encoders"]])}
+    item = well_document["axes"][0] | keys
+    stops = item["state_id"] not in ("OBEYS", "OFF")
+    cause = {key: item[key] for key in ("state", "state_id", "reason", "remedy")} | {"who": "axis 1", "objects": [1]}
+    return well_document | {"axes": [item], "causes": [cause] if stops else []}
 
 
 def test_check_rejects_other_output_formats() -> None:

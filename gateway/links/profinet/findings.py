@@ -6,10 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 from pdgw.base.durations import SECOND
-from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.steps import Remedy
-from pdgw.gateway.objects.origins import clock
 from pdgw.profidrive.frame import STATUS_NORMAL
 from pdgw.profinet.blocks.connect_blocks import ExpectedSlot, IocrType
 from pdgw.profinet.connection.cmdev import ApplicationRelation, Ended, State
@@ -51,13 +49,13 @@ def _controller(relation: ApplicationRelation) -> str:
     return f"controller {relation.plan.ar.station_name} ({relation.source[0]})"
 
 
-def of_start_up(relation: ApplicationRelation, loop: Loop) -> Finding:
+def of_start_up(relation: ApplicationRelation, now: int) -> Finding:
     """Which frame is missing until the data of a relationship counts, and since when."""
-    if relation.state is State.AWAITING_DATA and (found := of_frames(relation, loop.now())) is not None:
+    if relation.state is State.AWAITING_DATA and (found := of_frames(relation, now)) is not None:
         return found
     missing, remedy = START_UP[relation.state]
-    text = f"the {_controller(relation)} has connected, {missing} since {clock(relation.since_ns, loop)}"
-    return Finding(Reason.NO_RELATIONSHIP, text, (remedy,))
+    text = f"the {_controller(relation)} has connected, {missing}"
+    return Finding(Reason.NO_RELATIONSHIP, text, (remedy,), since_ns=relation.since_ns)
 
 
 def of_refused(refused: Refused) -> Finding:

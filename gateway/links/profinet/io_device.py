@@ -18,6 +18,7 @@ from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
 from pdgw.ds301.loop.loop import Loop, Task, Timer
 from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.finding_text import finding_line
 from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.store import ParameterStore
 from pdgw.gateway.base.udp import Address
@@ -246,7 +247,7 @@ class ProfinetLink(Link):
             self.watchdog_expiries += 1
             relation = self.device.relation
             if relation is not None and (found := findings.of_frames(relation, now, limit_ns >> 1)) is not None:
-                loss = f"{loss}: {found.text}"
+                loss = f"{loss}: {finding_line(found)}"
                 self._losses.add(now, 0, found)
         self._receivable = False
         self.lose_setpoints()
@@ -260,7 +261,7 @@ class ProfinetLink(Link):
     def finding(self, index: int | None = None) -> Finding | None:
         now, relation, relationship = self._loop.now(), self.device.relation, self._relationship
         if relation is not None and relation.state in findings.START_UP:
-            return findings.of_start_up(relation, self._loop)
+            return findings.of_start_up(relation, now)
         if relation is None or relationship is None:
             transport, refused = self._config.transport, self._keeper.refused(now)
             return findings.without_relationship(self.station, transport.interface, refused, self._ended)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.counters import Counters
+from pdgw.gateway.base.finding_text import finding_line
 from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.link import UdpLink
@@ -283,7 +284,7 @@ def test_a_constant_delay_up_to_the_limit_connects(delay: int) -> None:
 
 def finding_text(site: Site) -> str:
     finding = site.link.finding()
-    return "" if finding is None else finding.text
+    return "" if finding is None else finding_line(finding)
 
 
 @pytest.mark.parametrize("delays", [(LIMIT, MS), (MS, LIMIT), (WATCHDOG, WATCHDOG + MS), (2 * SECOND, 0)])

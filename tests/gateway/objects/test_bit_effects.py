@@ -9,7 +9,7 @@ import pytest
 
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.base.reasons import AxisState, Reason
+from pdgw.gateway.base.reasons import AxisState, Finding, Reason
 from pdgw.gateway.base.steps import OFF_ON, Bits
 from pdgw.gateway.objects.bit_effects import BIT_EFFECTS, BitEffect, bit_effects
 from pdgw.peers.drive.model.model import DriveModel
@@ -35,16 +35,16 @@ def test_the_bits_of_the_table_are_those_of_their_words() -> None:
         ("60FDh", 1 << 1): POSITIVE_LIMIT_SWITCH,
     }
     for row in BIT_EFFECTS:
-        if row.words in ("Statusword", "60FDh"):
-            assert shown[row.words, 1 << row.bit] == 1 << row.bit
+        if "STW1" not in row.words:
+            assert shown[row.words[0], 1 << row.bit] == 1 << row.bit
         else:
-            assert row.bit in {bit.position for bit in signal(row.words.split()[0]).fields(positioning=True)}
+            assert row.bit in {bit.position for bit in signal(row.words[0]).fields(positioning=True)}
             assert row.level == 0
 
 
 @pytest.mark.parametrize(
     "row",
-    [row for row in BIT_EFFECTS if "STW1" in row.words.split()],
+    [row for row in BIT_EFFECTS if "STW1" in row.words],
     ids=lambda row: f"STW1.{row.bit}-{row.reasons[0].name}",
 )
 def test_a_bit_of_stw1_that_is_0_gives_a_reason_of_its_row(row: BitEffect) -> None:
@@ -165,13 +165,15 @@ def test_a_drive_that_shows_remote_with_power_alone_is_never_in_local_mode() -> 
 
 def test_bits_that_give_a_reason_are_one_equation() -> None:
     words = {"STW1": 0x0405}
-    assert bit_effects(Reason.HELD_OFF, words) == (
+    assert bit_effects(Reason.HELD_OFF, words) == Finding(
+        Reason.HELD_OFF,
         "the PLC sends ON (STW1.0 = 1) and keeps the drive off: STW1.1 = STW1.3 = 0 (OFF2, Disable Operation)",
         (Bits(("STW1.1", "STW1.3")), OFF_ON),
     )
-    assert "off: Controlword.1 = Controlword.2 = 0" in bit_effects(Reason.HELD_OFF, {"Controlword": 0x9})[0]
-    assert bit_effects(Reason.COAST_STOP, {"STW1": 0xFFFF}) == (Reason.COAST_STOP.value, Reason.COAST_STOP.remedy)
-    assert bit_effects(Reason.STOPPED_AT_LIMIT, {"60FDh": 0x2}) == (
+    assert "off: Controlword.1 = Controlword.2 = 0" in bit_effects(Reason.HELD_OFF, {"Controlword": 0x9}).evidence
+    assert bit_effects(Reason.COAST_STOP, {"STW1": 0xFFFF}) == Finding.of(Reason.COAST_STOP)
+    assert bit_effects(Reason.STOPPED_AT_LIMIT, {"60FDh": 0x2}) == Finding(
+        Reason.STOPPED_AT_LIMIT,
         "stopped at a limit of the drive (Statusword.11): 60FDh.1 = 1 (positive limit switch)",
         Reason.STOPPED_AT_LIMIT.remedy,
     )

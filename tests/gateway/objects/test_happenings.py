@@ -46,7 +46,7 @@ from tests.support.gateways.daemon import (
 
 
 def happening(time_ns: int, text: str, do_id: int = 1, *, stops: bool = False) -> Happening:
-    return Happening(time_ns, do_id, f"axis {do_id}", text, stops)
+    return Happening(time_ns, do_id, text, stops)
 
 
 def test_without_a_fault_or_stop_there_is_nothing_to_explain() -> None:
@@ -73,7 +73,7 @@ def test_last_fault_of_a_long_series_is_among_the_lines() -> None:
 def test_one_thing_of_many_axes_is_one_line() -> None:
     found = around_the_last_stop(happening(number * MS, "PLC lost", number, stops=True) for number in range(1, 33))
     assert len(found) == 1
-    assert list(found[0].labels) == list(range(1, 33))
+    assert found[0].objects == set(range(1, 33))
 
 
 def test_what_is_repeated_is_counted() -> None:
@@ -95,7 +95,7 @@ def test_repetition_of_several_axes_is_counted_once_and_stays_in_order() -> None
     assert [line.shown for line in found] == [
         f"{text} (10 times in 36 s)" for text in ("In operation", "contactor open", "fault")
     ]
-    assert all(len(line.labels) == 3 for line in found)
+    assert all(len(line.objects) == 3 for line in found)
 
 
 def test_a_fault_that_returns_is_one_line_with_its_count() -> None:

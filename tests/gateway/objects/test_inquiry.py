@@ -26,5 +26,5 @@ def test_only_another_command_or_no_answer_contradicts_what_was_sent(answer: Ans
 
 
 def test_no_answer_means_an_interface_that_sends_nothing() -> None:
-    assert Untaken(0x06, None, 0x40, 1).texts == SENDS_NOTHING
-    assert "6040h is 0000h, 0006h was sent" in Untaken(0x06, 0, 0x40, 1).texts[0]
+    assert Untaken(0x06, None, 0x40, 1).found == SENDS_NOTHING
+    assert "6040h is 0000h, 0006h was sent" in Untaken(0x06, 0, 0x40, 1).found.evidence

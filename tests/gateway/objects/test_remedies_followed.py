@@ -75,7 +75,7 @@ def follow_all(follower: Follower) -> str:
         if sentence in seen:
             return f"{link.evidence} -> {link.todo}: after {[text for _, text in seen]}"
         seen.append(sentence)
-        left = follower.follow(link.remedy)
+        left = follower.follow(link.found.remedy)
         FOLLOWED[len(left), link.reason] += 1
     return f"{seen}"
 
@@ -129,7 +129,7 @@ def test_remedy_of_a_situation(link: str, title: str) -> None:
         follower = Follower(plc)
         broken = follower.broken
         assert broken is not None
-        person = any(isinstance(step, str) for step in broken.remedy)
+        person = any(isinstance(step, str) for step in broken.found.remedy)
         if person:
             repair(plc, daemon)
         why = follow_all(follower)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from datetime import datetime
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
+from pdgw.base.durations import SECOND
+from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import AxisState, Reason
-from pdgw.gateway.base.step_text import remedy_text
+from pdgw.gateway.base.reasons import AxisState, Enable, Finding, Reason
 from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_text import check_line, object_lines, status_lines
@@ -18,51 +23,58 @@ from tests.support.documents.situations import run_out
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
 
 
-def status(
+def at(second: float) -> int:
+    """A monotonic time in a minute of the day."""
+    return int(second * SECOND)
+
+
+LOOP = SimpleNamespace(now=lambda: 0, wall=lambda: datetime(2026, 3, 1, 14, 2).timestamp())
+
+
+def stopped(
     do_id: int,
     reason: Reason,
+    evidence: str = "",
     *,
-    fault: int = 0,
-    text: str = "",
     name: str = "",
     bus: str = "can",
-    heard_age_ms: float | None = None,
-    time: str = "2026-03-01T14:02:11+00:00",
-    origin: dict[str, Any] | None = None,
-) -> dict[str, Any]:
-    """What ``causes`` reads of the status of an axis."""
-    label = f'axis {do_id} "{name}"' if name else f"axis {do_id}"
-    return {
-        "do_id": do_id,
-        "label": label,
-        "state": reason.state.value,
-        "state_id": reason.state.name,
-        "reason": text or reason.value,
-        "reason_id": reason.name,
-        "remedy": remedy_text(reason.remedy),
-        "cause": {"code": fault, "time": time} if fault else None,
-        "origin": origin,
-        "bus": bus,
-        "node_id": do_id,
-        "heard_age_ms": heard_age_ms,
-    }
+    kind: str = "axis",
+    **fields: Any,
+) -> DriveObject:
+    """An object with a broken link. ``fields``: of its finding; ``heard_ns``: when its device was heard last."""
+    heard_ns = fields.pop("heard_ns", 0)
+    found = Finding.of(reason, evidence)._replace(**fields)
+    link = ChainLink(reason.enable, False, reason, found, cast(Loop, LOOP))
+    item = SimpleNamespace(
+        do_id=do_id,
+        kind=kind,
+        label=f'{kind} {do_id} "{name}"' if name else f"{kind} {do_id}",
+        node_id=do_id,
+        network=SimpleNamespace(name=bus, loop=LOOP),
+        client=SimpleNamespace(received_ns=heard_ns),
+        cause=None,
+        shown=EnableStatus(reason.state, (link,)),
+    )
+    return cast(DriveObject, item)
+
+
+ENCODER_FAULT = "EMCY 7305h incremental sensor 1"
 
 
 def test_sixty_four_objects_with_four_causes_are_four_lines() -> None:
-    items = [status(number, Reason.NO_PLC) for number in range(1, 61)]
+    items = [stopped(number, Reason.NO_PLC) for number in range(1, 61)]
+    fault = {"number": 10, "code": 0x7305, "since_ns": at(11)}
     items += [
-        status(
-            61, Reason.DRIVE_FAULT, fault=0x7305, text="EMCY 7305h incremental sensor 1, since 14:02:11", name="slide"
-        ),
-        status(62, Reason.DRIVE_FAULT, fault=0x3220, text="EMCY 3220h DC link under-voltage, since 14:02:12"),
-        status(63, Reason.DRIVE_OFFLINE, text="node 63: no answer"),
-        status(64, Reason.DRIVE_OFFLINE, text="node 64: no answer"),
+        stopped(61, Reason.DRIVE_FAULT, ENCODER_FAULT, name="slide", **fault),
+        stopped(62, Reason.DRIVE_FAULT, "EMCY 3220h DC link under-voltage", **fault | {"code": 0x3220}),
+        stopped(63, Reason.DRIVE_OFFLINE, "no answer", node=63),
+        stopped(64, Reason.DRIVE_OFFLINE, "no answer", node=64),
     ]
     found = causes(items)
     assert [(cause["who"], cause["reason"]) for cause in found] == [
         ("axes 63-64", "2 of 64 nodes on bus can have not answered since the start: CAN cable or supply"),
         ('axis 61 "slide"', "EMCY 7305h incremental sensor 1, since 14:02:11"),
-        ("axis 62", "EMCY 3220h DC link under-voltage, since 14:02:12"),
+        ("axis 62", "EMCY 3220h DC link under-voltage, since 14:02:11"),
         ("axes 1-60", Reason.NO_PLC.value),
     ]
     assert found[3]["objects"] == list(range(1, 61))
@@ -70,13 +82,7 @@ def test_sixty_four_objects_with_four_causes_are_four_lines() -> None:
 
 def test_axes_with_the_same_fault_at_different_times_are_one_cause() -> None:
     items = [
-        status(
-            number,
-            Reason.DRIVE_FAULT,
-            fault=0x7305,
-            text=f"EMCY 7305h incremental sensor 1, since 14:02:1{number}",
-            time=f"2026-03-01T14:02:1{number}+00:00",
-        )
+        stopped(number, Reason.DRIVE_FAULT, ENCODER_FAULT, code=0x7305, since_ns=at(10 + number))
         for number in (1, 2, 4, 5)
     ]
     (cause,) = causes(items)
@@ -90,19 +96,26 @@ def test_axes_with_the_same_fault_at_different_times_are_one_cause() -> None:
     )
 
 
-def latch(do_id: int, second: int, *, count: int = 1, ended: str = "", before: str = "") -> dict[str, Any]:
-    """The status of an axis whose ON is ignored."""
+@pytest.mark.parametrize("evidence", ["motor 1 is too hot", "EMCY 7305h, register 21h"])
+def test_digits_do_not_part_and_equal_words_do_not_join(evidence: str) -> None:
+    """A cause is what the fields say, not how its text is spelled."""
+    items = [
+        stopped(1, Reason.DRIVE_FAULT, evidence, code=1, since_ns=at(11)),
+        stopped(2, Reason.DRIVE_FAULT, evidence.replace("1", "2"), code=1, since_ns=at(12)),
+        stopped(3, Reason.DRIVE_FAULT, evidence, code=3, since_ns=at(13)),
+    ]
+    assert [cause["who"] for cause in causes(items)] == ["axes 1-2", "axis 3"]
+
+
+def latch(do_id: int, second: int, *, times: int = 1, ended: str = "", before: str = "") -> DriveObject:
+    """An axis whose ON is ignored."""
     evidence = "the gateway has started" if ended else "node lost: silent"
-    times = f" ({count} times)" if count > 1 else ""
-    tail = (f"; {ended}" if ended else "") + (f"; before: {before}" if before else "")
-    first = f"2026-03-01T14:02:{second}+00:00"
-    origin = {"text": evidence, "first": first, "count": count, "ended": ended, "before": before}
-    text = f"ON ignored: {evidence}, since 14:02:{second}{times}{tail}"
-    return status(do_id, Reason.NEEDS_OFF, text=text, origin=origin)
+    fields = {"since_ns": at(second), "times": times, "ended": ended, "before": before}
+    return stopped(do_id, Reason.NEEDS_OFF, f"ON ignored: {evidence}", **fields)
 
 
 def test_a_latch_of_several_axes_keeps_since_and_count_of_each() -> None:
-    (cause,) = causes([latch(1, 11), latch(2, 11), latch(3, 15, count=3)])
+    (cause,) = causes([latch(1, 11), latch(2, 11), latch(3, 15, times=3)])
     assert cause["reason"] == "ON ignored: node lost: silent, since 14:02:11 (axes 1-2), 14:02:15, 3 times (axis 3)"
     (cause,) = causes([latch(1, 11), latch(2, 11)])
     assert cause["reason"] == "ON ignored: node lost: silent, since 14:02:11"
@@ -121,38 +134,37 @@ def test_a_start_of_several_axes_keeps_how_the_last_gateway_ended_and_what_was_b
 
 def test_nodes_that_were_lost_at_one_moment_have_the_cause_that_explains_all_first() -> None:
     items = [
-        status(1, Reason.DRIVE_OFFLINE, text="node 1: no TPDO1", heard_age_ms=60_000.0),
-        status(2, Reason.DRIVE_OFFLINE, text="node 2: no TPDO1", heard_age_ms=9000.0),
-        status(3, Reason.DRIVE_OFFLINE, text="node 3: no TPDO2", heard_age_ms=9110.4),
-        status(4, Reason.NO_CONTROL),
-        status(5, Reason.ENCODER_OFFLINE, text="node 5: no heartbeat", heard_age_ms=9400.0) | {"label": "encoder 5"},
-        status(6, Reason.DRIVE_OFFLINE, text="node 6: no TPDO1", heard_age_ms=9000.0, bus="can2"),
+        stopped(1, Reason.DRIVE_OFFLINE, "has no TPDO1", node=1, heard_ns=at(1)),
+        stopped(2, Reason.DRIVE_OFFLINE, "has no TPDO1", node=2, heard_ns=at(52)),
+        stopped(3, Reason.DRIVE_OFFLINE, "has no TPDO2", node=3, heard_ns=at(51.8896)),
+        stopped(4, Reason.NO_CONTROL),
+        stopped(5, Reason.ENCODER_OFFLINE, "has no heartbeat", node=5, heard_ns=at(51.6), kind="encoder"),
+        stopped(6, Reason.DRIVE_OFFLINE, "has no TPDO1", node=6, heard_ns=at(52), bus="can2"),
     ]
     found = [(cause["who"], cause["reason"]) for cause in causes(items)]
     assert found[0] == ("axes 2-3; encoder 5", "3 of 5 nodes on bus can lost within 400 ms: CAN cable or supply")
-    assert found[1:] == [("axes 1, 6", "each node: no TPDO1"), ("axis 4", Reason.NO_CONTROL.value)]
+    assert found[1:] == [("axes 1, 6", "each node has no TPDO1"), ("axis 4", Reason.NO_CONTROL.value)]
 
 
 def test_texts_that_differ_in_more_than_the_own_node_are_all_kept() -> None:
+    wrong = ["profile '406'", "profile '402'", "profile '406'", "vendor-ID '0000ABCEh'", "EDS"]
     items = [
-        status(1, Reason.NODE_REFUSED, text="node 1 is rejected: profile '406' is not allowed, expected 402"),
-        status(3, Reason.NODE_REFUSED, text="node 3 is rejected: profile '402' is not allowed, expected 406"),
-        status(4, Reason.NODE_REFUSED, text="node 4 is rejected: profile '406' is not allowed, expected 402"),
-        status(5, Reason.NODE_REFUSED, text="node 5 is rejected: vendor-ID '0000ABCEh' is not allowed"),
+        stopped(number, Reason.NODE_REFUSED, f"is rejected: {what} is not allowed", node=number)
+        for number, what in enumerate(wrong, 1)
     ]
-    assert [(cause["who"], cause["reason"]) for cause in causes(items)] == [
-        (
-            "axes 1, 3-4",
-            "axes 1, 4: each node is rejected: profile '406' is not allowed, expected 402; "
-            "axis 3: each node is rejected: profile '402' is not allowed, expected 406",
-        ),
-        ("axis 5", "node 5 is rejected: vendor-ID '0000ABCEh' is not allowed"),
-    ]
+    (cause,) = causes(items)
+    assert (cause["who"], cause["reason"]) == (
+        "axes 1-5",
+        "axes 1, 3: each node is rejected: profile '406' is not allowed; "
+        "axis 2: each node is rejected: profile '402' is not allowed; "
+        "axis 4: each node is rejected: vendor-ID '0000ABCEh' is not allowed; and 1 more of the kind",
+    )
 
 
 def test_objects_in_operation_or_off_as_asked_have_no_cause() -> None:
-    fine = status(1, Reason.NO_PLC) | {"state_id": AxisState.OBEYS.name, "reason_id": ""}
-    assert causes([fine, status(2, Reason.SWITCHED_OFF)]) == []
+    fine = stopped(1, Reason.NO_PLC)
+    fine.shown = EnableStatus(AxisState.OBEYS, (ChainLink(Enable.PLC, True),))
+    assert causes([fine, stopped(2, Reason.SWITCHED_OFF)]) == []
 
 
 def named() -> GatewayConfig:

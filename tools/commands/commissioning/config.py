@@ -134,6 +134,7 @@ def _start(config: GatewayConfig) -> list[str]:
     """
     from pdgw.gateway.configuration.environment import TransportConfig
     from pdgw.gateway.daemon.assembly import build_gateway
+    from pdgw.gateway.objects.axis import Axis
     from pdgw.gateway.objects.protections import protections
     from pdgw.gateway.service.causes import who
     from pdgw.peers.world import World
@@ -141,12 +142,12 @@ def _start(config: GatewayConfig) -> list[str]:
     # A PROFINET link needs a real network interface, so UDP replaces it.
     transport = config.transport if config.transport.type == "udp" else TransportConfig()
     daemon = build_gateway(config.model_copy(update={"transport": transport, "store": None}), World())
-    found: dict[str, dict[int, str]] = {}
+    found: dict[str, list[Axis]] = {}
     for axis in daemon.axes:
         for item in protections(axis):
-            found.setdefault(f"{item.name}: {item.text}", {})[axis.do_id] = axis.label
+            found.setdefault(f"{item.name}: {item.text}", []).append(axis)
     daemon.release()
-    return [f"{who(labels)}: {line}" for line, labels in found.items()]
+    return [f"{who(axes)}: {line}" for line, axes in found.items()]
 
 
 def _open(config: GatewayConfig) -> None:

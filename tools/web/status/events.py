@@ -7,7 +7,6 @@ milliseconds), so that a browser can resume.
 from __future__ import annotations
 
 import json
-import re
 from collections import deque
 from dataclasses import asdict, dataclass
 from itertools import islice
@@ -15,8 +14,6 @@ from itertools import islice
 KEPT = 1000
 REPEATS_AMONG = 200
 """Number of newest events in which a repeated one is found."""
-_SINCE = re.compile(r", since \d\d:\d\d:\d\d")
-"""The time in a sentence; the event has its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +48,6 @@ class EventLog:
 
     def add(self, time: str, kind: str, do_id: int | None, text: str) -> None:
         """Number it and keep it. What repeats takes the place of the older line, with a count."""
-        text = _SINCE.sub("", text)
         count, since = 1, time
         for known in islice(reversed(self._events), REPEATS_AMONG):
             if (known.kind, known.do_id, known.text) == (kind, do_id, text):
