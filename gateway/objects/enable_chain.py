@@ -8,7 +8,7 @@ and derive nothing themselves.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.bus.health import Outage
@@ -129,16 +129,9 @@ class _Chain:
     def passes(self, enable: Enable) -> None:
         self._links[enable] = ChainLink(enable, True)
 
-    def breaks(
-        self, reason: Reason, evidence: str = "", todo: Remedy = (), *, node: int = 0, since_ns: int = 0, more: str = ""
-    ) -> None:
-        """The link of a reason is broken. What is not given is its own."""
-        own = self.found(reason)
-        found = Finding(reason, evidence or own.evidence, todo or own.remedy, node, since_ns, more=more)
-        self.breaks_by(reason, found)
-
-    def breaks_by(self, reason: Reason, found: Finding) -> None:
-        """The link of a reason is broken by what is found."""
+    def breaks(self, reason: Reason, found: Finding | None = None, **changes: Any) -> None:
+        """The link of a reason is broken by what is found, else by the reason alone. ``changes``: fields of the finding."""
+        found = (found or self.found(reason))._replace(**changes)
         self._links[reason.enable] = ChainLink(reason.enable, False, reason, found, self.item.client.loop)
 
     def found(self, reason: Reason, effect: str = "") -> Finding:
@@ -157,47 +150,44 @@ class _Chain:
         """Bus and node; False if the device cannot be checked."""
         network, client = self.item.network, self.item.client
         outage, flood = network.health.shown(network.loop.now()), network.flood
-        if flood is not None and (outage is not None or not self.item.good):
-            self.breaks(Reason.BUS_LOST, f"bus {network.name}: {flood.text}", (flood.remedy,))
-            return False
-        if outage is not None:
-            again = () if outage is Outage.STAYS_OFF else ("the gateway connects again by itself",)
-            self.breaks(Reason.BUS_LOST, f"bus {network.name}: {outage.value}", (outage.remedy, *again))
+        found = flood or outage if outage is not None or not self.item.good else None
+        if found is not None:
+            again = () if found in (flood, Outage.STAYS_OFF) else ("the gateway connects again by itself",)
+            evidence = f"bus {network.name}: {found.text}"
+            self.breaks(Reason.BUS_LOST, evidence=evidence, remedy=(found.remedy, *again))
             return False
         self.passes(Enable.BUS)
         if self.item.good:
             self.passes(Enable.NODE)
             return True
-        node, bus = self.item.node_id, f"on bus {network.name}"
-        text, place = client.refusal or client.cause
-        todo: Remedy = (place,) if place else ()
-        origin = self.item.origins.present
+        evidence, remedy = client.refusal or client.cause
+        there, origin, times = f"on bus {network.name}", self.item.origins.present, None
+        reason = Reason.NODE_CONFIGURING
+        todo: Remedy = (remedy,) if remedy else ()
         match client.status:
             case NodeStatus.REFUSED | NodeStatus.CONFIGURING if client.refusal:
-                self.breaks(Reason.NODE_REFUSED, f"is rejected: {text}", todo, node=node)
+                reason, evidence = Reason.NODE_REFUSED, f"is rejected: {evidence}"
             case NodeStatus.CONFIGURING:
-                progress = f"is being configured{client.progress and f': {client.progress}'}"
+                evidence, todo = f"is being configured{client.progress and f': {client.progress}'}", ()
                 if origin is not None and origin.number:
-                    after = origin._replace(node=node, evidence=f"{progress}, after: {origin.evidence}")
-                    self.breaks_by(Reason.NODE_CONFIGURING, after)
-                else:
-                    self.breaks(Reason.NODE_CONFIGURING, progress, node=node)
+                    times, evidence, todo = origin, f"{evidence}, after: {origin.evidence}", origin.remedy
             case NodeStatus.ONLINE | NodeStatus.LOST if client.unconfirmed:
-                self.breaks(Reason.NODE_WRITTEN, f"is being checked: {client.unconfirmed}", node=node)
+                reason, evidence, todo = Reason.NODE_WRITTEN, f"is being checked: {client.unconfirmed}", ()
             case NodeStatus.ONLINE:
-                self.breaks(offline, f"{bus} sends no data in time", node=node)
+                reason, evidence, todo = offline, f"{there} sends no data in time", ()
             case _ if client.is_first_request:
-                self.breaks(Reason.NODE_CONFIGURING, "has not answered yet", node=node)
+                evidence, todo = "has not answered yet", ()
             case NodeStatus.OFFLINE | NodeStatus.LOST if others := network.unconfigured(
                 client.received_ns if client.status is NodeStatus.LOST else 0
             ):
-                there = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
-                self.breaks(offline, f"{bus}: {text}; {there}", (_WRONG_NODE_ID,), node=node)
-            case _ if origin is not None and origin.number == FaultNumber.NODE_LOST and origin.times > 1:
-                evidence = f"{bus}: {origin.evidence}"
-                self.breaks_by(offline, origin._replace(node=node, evidence=evidence, remedy=todo or offline.remedy))
+                also = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
+                reason, evidence, todo = offline, f"{there}: {evidence}; {also}", (_WRONG_NODE_ID,)
             case _:
-                self.breaks(offline, f"{bus}: {text}", todo, node=node)
+                if origin is not None and origin.number == FaultNumber.NODE_LOST and origin.times > 1:
+                    times, evidence = origin, origin.evidence
+                reason, evidence = offline, f"{there}: {evidence}"
+        node = self.item.node_id
+        self.breaks(reason, times, node=node, evidence=evidence, remedy=todo or reason.remedy)
         return False
 
     def check_severe(self, acknowledge: Acknowledge, unstopped: Finding | None) -> None:
@@ -207,14 +197,14 @@ class _Chain:
         """
         origin, severe = self.item.origins.present, self.item.origins.severe
         if unstopped is not None:
-            self.breaks_by(Reason.SEVERE_FAULT, unstopped._replace(remedy=(*unstopped.remedy, acknowledge)))
+            self.breaks(Reason.SEVERE_FAULT, unstopped, remedy=(*unstopped.remedy, acknowledge))
         elif severe is None:
             return
         else:
             remedy = (*severe.remedy, acknowledge)
             if origin is not None and origin.number not in (0, severe.number) and origin.since_ns <= severe.since_ns:
                 severe = origin._replace(more=f"; then: {severe.evidence}")
-            self.breaks_by(Reason.SEVERE_FAULT, severe._replace(remedy=remedy))
+            self.breaks(Reason.SEVERE_FAULT, severe, remedy=remedy)
         self._links = {Enable.NO_FAULT: self._links.pop(Enable.NO_FAULT)} | self._links
 
     def check_plc(self, *, connected: bool, in_operation: bool, never: Reason, lost: bool) -> bool:
@@ -226,14 +216,13 @@ class _Chain:
             finding = None  # repeated losses, which are over
         if self.item.gateway_stops:
             other = self.newest(FaultNumber.OTHER_MASTER)
-            found = Finding.of(Reason.GATEWAY_STOPS) if other is None else of_fault(other)._replace(since_ns=0)
-            self.breaks_by(Reason.GATEWAY_STOPS, found)
+            self.breaks(Reason.GATEWAY_STOPS, None if other is None else of_fault(other), since_ns=0)
         elif finding is not None:
-            self.breaks_by(finding.reason, finding)
+            self.breaks(finding.reason, finding)
         elif connected:
             self.passes(Enable.PLC)
         elif lost and (record := self.newest(FaultNumber.PLC_LOST)):
-            self.breaks_by(Reason.PLC_LOST, of_fault(record)._replace(remedy=Reason.PLC_LOST.remedy))
+            self.breaks(Reason.PLC_LOST, of_fault(record), remedy=Reason.PLC_LOST.remedy)
         else:
             self.breaks(Reason.PLC_LOST if lost else never)
         return connected and not self.item.gateway_stops
@@ -269,7 +258,7 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
         if life is not None and life.lost:
             chain.breaks(Reason.PLC_STALLED)
         if meant is not None:
-            chain.breaks(Reason.BYTES_SWAPPED, f"STW1 = {word:04X}h: its two bytes are swapped ({meant:04X}h)")
+            chain.breaks(Reason.BYTES_SWAPPED, evidence=f"STW1 = {word:04X}h: its two bytes are swapped ({meant:04X}h)")
         elif not demand.in_control:
             chain.breaks(Reason.CONTROL_HELD if reason is Reason.CONTROL_HELD else Reason.NO_CONTROL)
         else:
@@ -295,14 +284,14 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     commanded = asks and machine.interlock.reason in missing
     again = asks and not axis.released
     if state in FAULTY:
-        fault = Finding.of(Reason.DRIVE_FAULT, "", "remove the cause")
-        if (cause := axis.cause) is not None:
-            fault = of_fault(cause.record)
-            if fault.code == HEARTBEAT_ERROR and axis.acknowledged_in_vain:
-                fault = fault._replace(evidence=_CONSUMER, remedy=(_ARM,))
-        chain.breaks_by(Reason.DRIVE_FAULT, fault._replace(remedy=(*fault.remedy, _acknowledge(axis))))
+        cause = axis.cause
+        fault = Finding.of(Reason.DRIVE_FAULT, place="remove the cause") if cause is None else of_fault(cause.record)
+        if fault.code == HEARTBEAT_ERROR and axis.acknowledged_in_vain:
+            fault = fault._replace(evidence=_CONSUMER, remedy=(_ARM,))
+        chain.breaks(Reason.DRIVE_FAULT, fault, remedy=(*fault.remedy, _acknowledge(axis)))
     elif state is None:
-        chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
+        evidence = f"Statusword {statusword:04X}h is not a state of a CiA 402 drive"
+        chain.breaks(Reason.DRIVE_UNKNOWN_STATE, evidence=evidence)
     elif machine.units_contradicted:
         chain.breaks(Reason.UNITS_CONTRADICTED)
     elif not machine.usable:
@@ -313,13 +302,13 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     if supplied:
         chain.passes(Enable.SUPPLY)
     elif (asks or not demand.connected) and machine.lacks_supply(state, unproven=commanded):
-        chain.breaks(Reason.NO_SUPPLY, "", with_on(Reason.NO_SUPPLY.remedy) if again else ())
+        chain.breaks(Reason.NO_SUPPLY, remedy=with_on(Reason.NO_SUPPLY.remedy) if again else Reason.NO_SUPPLY.remedy)
     if machine.interlock.is_local(statusword):
         own = axis.released and (machine.outputs.command.target_velocity or machine.executor.limit_side)
         panel = Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE
-        chain.breaks(panel, "", with_on(panel.remedy) if again else ())
+        chain.breaks(panel, remedy=with_on(panel.remedy) if again else panel.remedy)
     elif reason is Reason.INHIBITED and (found := axis.inhibited) is not None:
-        chain.breaks_by(reason, found)
+        chain.breaks(reason, found)
     elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.NOT_LEFT):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
@@ -328,11 +317,11 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         limit = f"if it takes longer than {machine.settings.enter_ns / SECOND:g} s (enter_ms)"
         place = f"{limit}, check the brake, safe torque off (STO) and the enable input"
         evidence = "the drive opens its brake, or finds its commutation angle"
-        chain.breaks(Reason.NOT_OPERATING, evidence, (Wait(""), place), since_ns=begin)
+        chain.breaks(Reason.NOT_OPERATING, evidence=evidence, remedy=(Wait(""), place), since_ns=begin)
     elif commanded and state is not None and demand.power is not PowerWish.ON:
         local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
         shown = f"ON is commanded, but the drive reports {state.value}{local}"
-        chain.breaks_by(Reason.NOT_OPERATING, axis.unheard or Finding.of(Reason.NOT_OPERATING, shown))
+        chain.breaks(Reason.NOT_OPERATING, axis.unheard or Finding.of(Reason.NOT_OPERATING, shown))
 
 
 def _sensor_fault(error: SensorError | None, source: DriveObject, acknowledge: Acknowledge) -> Finding:
@@ -383,18 +372,18 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
         else:
             fault = of_fault(cause.record)
             evidence, remedy = f"not acknowledged: {fault.evidence}", (*fault.remedy, _acknowledge(axis))
-            chain.breaks_by(missing, fault._replace(evidence=evidence, remedy=remedy))
+            chain.breaks(missing, fault, evidence=evidence, remedy=remedy)
         return
     chain.passes(Enable.ON_EDGE)
     if reason is Reason.SETPOINT_DISABLED and isinstance(demand, SpeedDemand) and demand.speed_wish is SpeedWish.FREEZE:
-        chain.breaks(reason, _frozen_text(axis))
+        chain.breaks(reason, evidence=_frozen_text(axis))
     elif reason is not None and reason.enable is Enable.SETPOINT:
-        chain.breaks_by(reason, _order_of(chain, axis, reason))
+        chain.breaks(reason, _order_of(chain, axis, reason))
     elif reason is None and axis.machine.executor.home_lost and axis.machine.executor.needs_home:
         more = ", and an absolute task runs without it"
-        chain.breaks(Reason.HOME_LOST, _HOME_LOST, since_ns=axis.machine.executor.home_lost, more=more)
+        chain.breaks(Reason.HOME_LOST, evidence=_HOME_LOST, since_ns=axis.machine.executor.home_lost, more=more)
     elif (lag := lag_of(axis)) is not None and not any(reductions(axis)):
-        chain.breaks_by(Reason.LAGS, lag)
+        chain.breaks(Reason.LAGS, lag)
     elif reason is None:
         chain.passes(Enable.SETPOINT)
 
@@ -442,8 +431,7 @@ def _check_latch(chain: _Chain, axis: Axis) -> None:
     if origin is None:
         chain.breaks(Reason.NEEDS_OFF)
         return
-    ignored = origin._replace(evidence=f"ON ignored: {origin.evidence}", remedy=with_on(origin.remedy))
-    chain.breaks_by(Reason.NEEDS_OFF, ignored)
+    chain.breaks(Reason.NEEDS_OFF, origin, evidence=f"ON ignored: {origin.evidence}", remedy=with_on(origin.remedy))
 
 
 def activity(axis: Axis) -> str:
@@ -580,7 +568,7 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
         if machine.in_error or machine.control.fault:
             kind = Reason.SENSOR_ERROR if machine.in_error else Reason.ENCODER_FAULT
             found = _sensor_fault(error, encoder, _acknowledge_encoder(encoder))
-            chain.breaks_by(kind, found if found.evidence else found._replace(evidence=kind.value))
+            chain.breaks(kind, found, evidence=found.evidence or kind.value)
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:
