@@ -61,7 +61,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import DEVICE_WARNING, GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.reasons import DEVICE_WARNING, FaultNumber, Reason, warning_bits
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
@@ -570,7 +570,7 @@ class AxisMachine:
         refusal = self.lacking(drive, homing_method)
         if refusal:
             lacks = self.missing(drive)
-            remedy = lacks.remedy or remedy_text(GATEWAY_FAULTS[FaultNumber.REFERENCE].remedy)
+            remedy = lacks.remedy or remedy_text(FaultNumber.REFERENCE.remedy)
             text, remedy = (lacks.why, remedy) if lacks.why else (refusal, "")
             self.outputs.fault(gateway_fault(FaultNumber.REFERENCE, text, self.inputs.now, remedy=remedy))
             return

@@ -138,8 +138,8 @@ class FaultRecord:
 
 def gateway_fault(number: FaultNumber, detail: str, now: int, by: By | None = None, remedy: str = "") -> FaultRecord:
     """A fault of the gateway's own table."""
-    fault = GATEWAY_FAULTS[number]
-    return FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning, by=by, remedy=remedy)
+    text = f"{number.title}: {detail}"
+    return FaultRecord(number, number.code, 0, text, now, number.is_warning, by=by, remedy=remedy)
 
 
 class EncoderInput(Protocol):

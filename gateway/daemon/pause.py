@@ -49,5 +49,5 @@ class Pause:
         if not follows or record.time_ns - self._ended > _EFFECT_NS:
             return None
         fault = GATEWAY_FAULTS.get(record.number)
-        what = record.text if fault is None else fault.name
+        what = record.text if fault is None else fault.title
         return replace(record, text=f"{what}: {self._text} ({_WHY})", remedy=_REMEDY, by=By.GATEWAY)

@@ -248,16 +248,16 @@ class Axis(DriveObject):
             order = ORDERS.get(reason)
             by = By.PLC if order else By.DRIVE
             return Finding(reason, order or reason.value, Reason.NEEDS_OFF.remedy, by=by)
-        if fault.number == FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
-            return finding._replace(by=By.PLC, number=fault.number, last_ns=self.machine.inputs.now, times=1)
-        evidence = fault.name
-        if fault.number == FaultNumber.NODE_LOST:
+        if fault is FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
+            return finding._replace(by=By.PLC, number=fault, last_ns=self.machine.inputs.now, times=1)
+        evidence = fault.title
+        if fault is FaultNumber.NODE_LOST:
             if self.machine.restart_asked:
                 restarted = "a parameter request has restarted the node (P970, P972)"
                 return Finding(Reason.NEEDS_OFF, restarted, Reason.NEEDS_OFF.remedy, by=By.PLC)
             if self.drive.unconfirmed:
                 evidence = f"{evidence}: {self.drive.unconfirmed}"
-        return Finding(reason, evidence, fault.remedy, by=fault.by, number=fault.number)
+        return Finding(reason, evidence, fault.remedy, by=fault.by, number=fault)
 
     @property
     def inhibited(self) -> Finding | None:

@@ -29,7 +29,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
     is_answer,
 )
-from pdgw.gateway.base.reasons import DEVICE_WARNING, GATEWAY_FAULTS, AxisState, By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, By, FaultNumber, Finding, Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.enable_status import EnableStatus
@@ -315,7 +315,7 @@ class DriveObject(abc.ABC):
 
     def clear_faults(self) -> None:
         """P952 := 0: what is acknowledged or gone leaves the buffer. What lasts stays, as the status word shows it."""
-        by = {number: fault.by for number, fault in GATEWAY_FAULTS.items()}
+        by = {fault.value: fault.by for fault in FaultNumber}
         self.fault_log.clear(lambda record: self.lasts(by.get(record.number, By.DRIVE)))
         if self.fault_log.acknowledged:
             self.origins.acknowledged()

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from pdgw.base.durations import MS
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.reasons import EMCY_WARNING, GATEWAY_FAULTS
+from pdgw.gateway.base.reasons import EMCY_WARNING, GATEWAY_FAULTS, FaultNumber
 from pdgw.profidrive.parameters.catalogue import NAME_SIZE
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
@@ -148,27 +148,23 @@ class FaultLog:
         return [item.record for item in self._active.values()]
 
 
-_GATEWAY_CODES = {fault.number: fault.code for fault in GATEWAY_FAULTS.values()}
-_GATEWAY_NAMES = {fault.number: fault.name for fault in GATEWAY_FAULTS.values()}
-
-
 def fault_codes(own: Mapping[int, DriveFault]) -> list[int]:
     """P946: the code of each fault number, 0 where there is no fault of the number."""
-    codes = {fault.number: fault.error_code for fault in own.values()} | _GATEWAY_CODES
-    return [codes.get(number, 0) for number in range(max(codes) + 1)]
+    return [code for _, code, _ in _rows(own)]
 
 
 def fault_numbers(own: Mapping[int, DriveFault]) -> list[int]:
     """P951: each fault number at its place, 0 where there is no fault of the number."""
-    names = _names(own)
-    return [number if number in names else 0 for number in range(max(names) + 1)]
+    return [number for number, _, _ in _rows(own)]
 
 
 def fault_texts(own: Mapping[int, DriveFault]) -> list[str]:
     """The texts of P951 and P947: the name of each fault number, empty where there is none."""
-    names = _names(own)
-    return [names.get(number, "")[:NAME_SIZE] for number in range(max(names) + 1)]
+    return [name[:NAME_SIZE] for _, _, name in _rows(own)]
 
 
-def _names(own: Mapping[int, DriveFault]) -> dict[int, str]:
-    return {fault.number: fault.name for fault in own.values()} | _GATEWAY_NAMES
+def _rows(own: Mapping[int, DriveFault]) -> list[tuple[int, int, str]]:
+    """Number, code and name for each number from 0 on."""
+    rows = {fault.number: (fault.number, fault.error_code, fault.name) for fault in own.values()}
+    rows |= {fault.value: (fault.value, fault.code, fault.title) for fault in FaultNumber}
+    return [rows.get(number, (0, 0, "")) for number in range(max(rows) + 1)]

@@ -15,7 +15,7 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.finding_text import finding_text
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Finding, Reason, Weight
 
 ORDERS: Final[dict[Reason | None, str]] = {
     Reason.RAMP_STOP: "ON came before the end of the OFF1 ramp",
@@ -101,7 +101,7 @@ class Origins:
         present, fault = self.present, GATEWAY_FAULTS.get(record.number)
         if record.is_warning:
             return
-        if fault is not None and fault.severe and self.severe is None:
+        if fault is not None and fault.weight is Weight.SEVERE and self.severe is None:
             self.severe = of_fault(record)
         if present is not None and present.times and present.number == record.number:
             self.present = present._replace(times=present.times + 1, last_ns=record.time_ns)

@@ -38,7 +38,7 @@ class Totals:
         total = self._totals.pop(key, None)
         if total is None or now - total.last_ns > DAY_NS:
             fault = GATEWAY_FAULTS.get(record.number)
-            total = Total(record.text if fault is None else fault.name, now, now, 0)
+            total = Total(record.text if fault is None else fault.title, now, now, 0)
         total.count += 1
         total.last_ns = now
         self._totals[key] = total

@@ -29,7 +29,7 @@ from pdgw.dsp406.objects import (
 )
 from pdgw.gateway.base import identity
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import DEVICE_WARNING, EMCY_WARNING, GATEWAY_FAULTS
+from pdgw.gateway.base.reasons import DEVICE_WARNING, EMCY_WARNING, FaultNumber
 from pdgw.gateway.base.store import DeviceParameters, DoParameters
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
@@ -91,7 +91,7 @@ _LIST_SIZE = 99
 """Parameters of a list; more only where ten lists do not suffice."""
 _FURTHER_WARNINGS = 1 << 13
 """P953: any of the warnings whose own bit is above the sixteenth."""
-_WARNING_NAMES = {fault.warning_mask: fault.name for fault in GATEWAY_FAULTS.values() if fault.is_warning} | {
+_WARNING_NAMES = {fault.warning_mask: fault.title for fault in FaultNumber if fault.is_warning} | {
     _FURTHER_WARNINGS: "number above 123",
     EMCY_WARNING: "EMCY",
     DEVICE_WARNING: "device warning",

@@ -15,7 +15,7 @@ from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
 from pdgw.gateway.axis.values import gateway_fault
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, AxisState, By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import AxisState, By, FaultNumber, Finding, Reason, Weight
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_status import EnableStatus
@@ -363,11 +363,11 @@ def test_an_axis_whose_torque_the_plc_reduces_may_lag() -> None:
 
 
 def test_every_gateway_fault_names_its_author_and_remedy() -> None:
-    for fault in GATEWAY_FAULTS.values():
+    for fault in FaultNumber:
         assert fault.by in By
         text = remedy_text(fault.remedy)
         assert text[0].islower() or text[0] == "C"
-    severe = {number for number, fault in GATEWAY_FAULTS.items() if fault.severe}
+    severe = {fault for fault in FaultNumber if fault.weight is Weight.SEVERE}
     assert severe == {
         FaultNumber.STATE_UNKNOWN,
         FaultNumber.STOP_IGNORED,

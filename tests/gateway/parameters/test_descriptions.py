@@ -55,7 +55,7 @@ def test_bit_sequences_have_two_texts_for_each_bit(objects: str, do_id: int) -> 
         assert words == ([953, 967, 968] if do_id == 1 else [953])
         texts = {pnu: Session(client).texts(pnu) for pnu in words}
     assert {len(each) for each in texts.values()} == {2 * 16}
-    assert texts[953][:2] == ["no", GATEWAY_FAULTS[108].name[:16]]
+    assert texts[953][:2] == ["no", GATEWAY_FAULTS[108].title[:16]]
     assert texts[953][-2:] == ["no", "device warning"]
     assert set(texts[953][2 * 8 + 1 : 2 * 10 : 2]) == {"reserved"}
 
@@ -70,5 +70,5 @@ def test_every_warning_is_a_bit_of_the_warning_word(
     monkeypatch.setattr(daemon.axes[0].machine, "_warnings", lambda: mask)
     until(daemon, lambda: daemon.axes[0].outputs.warning == mask, "a cycle")
     bit = number(client, 953).bit_length() - 1
-    name = GATEWAY_FAULTS[number_].name[:16] if number_ < 122 else "number above 123"
+    name = GATEWAY_FAULTS[number_].title[:16] if number_ < 122 else "number above 123"
     assert Session(client).texts(953)[2 * bit + 1] == name

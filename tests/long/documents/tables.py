@@ -23,7 +23,7 @@ from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.orders import LEAVE_TEXTS, LINE_TEXTS, ORDERS
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, ORDER_ROWS, ROWS
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, GatewayFault, Reason
+from pdgw.gateway.base.reasons import FaultNumber, Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.requests import Command
@@ -326,8 +326,8 @@ def generate() -> str:
         table(
             ("number", "fault", "P945", "kind", "by", "remedy"),
             (
-                (f.number, f.name, f"{f.code:04X}h", _kind(f), f.by.value, remedy_text(f.remedy))
-                for f in GATEWAY_FAULTS.values()
+                (f.value, f.title, f"{f.code:04X}h", f.weight.value, f.by.value, remedy_text(f.remedy))
+                for f in FaultNumber
             ),
         ),
         "## Message classes of the diagnosis\n",
@@ -405,10 +405,6 @@ def generate() -> str:
         *supervisions.generate(),
     ]
     return "\n".join(out)
-
-
-def _kind(fault: GatewayFault) -> str:
-    return "warning" if fault.is_warning else "severe fault" if fault.severe else "fault"
 
 
 def _names(members: Sequence[enum.IntEnum], everything: Sequence[enum.IntEnum]) -> str:
