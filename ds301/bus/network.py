@@ -187,6 +187,11 @@ class CanNetwork(Receiver):
         return self.health.outage is None
 
     @property
+    def trouble(self) -> Outage | Flood | None:
+        """Why the bus does not serve its nodes, or serves them late; None if it does."""
+        return self.flood or self.health.shown(self.loop.now())
+
+    @property
     def last_outage(self) -> Outage:
         """Why the bus is lost, or was lost last."""
         return self.health.shown(self.loop.now()) or self.health.last

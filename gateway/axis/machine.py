@@ -61,8 +61,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import DEVICE_WARNING, FaultNumber, Reason, warning_bits
-from pdgw.gateway.base.step_text import remedy_text
+from pdgw.gateway.base.reasons import DEVICE_WARNING, SET_NAMED, FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
@@ -570,8 +569,7 @@ class AxisMachine:
         refusal = self.lacking(drive, homing_method)
         if refusal:
             lacks = self.missing(drive)
-            remedy = lacks.remedy or remedy_text(FaultNumber.REFERENCE.remedy)
-            text, remedy = (lacks.why, remedy) if lacks.why else (refusal, "")
+            text, remedy = (lacks.why, lacks.remedy or SET_NAMED) if lacks.why else (refusal, "")
             self.outputs.fault(gateway_fault(FaultNumber.REFERENCE, text, self.inputs.now, remedy=remedy))
             return
         self._per_rpm = drive.scaling.velocity_per_rpm

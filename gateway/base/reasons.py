@@ -656,6 +656,8 @@ class Weight(enum.Enum):
 
 
 _WARNING, _SEVERE = Weight.WARNING, Weight.SEVERE
+SET_NAMED: Final = "set the named key or object"
+"""The remedy of fault 104 where no key helps."""
 _SUPPLY: Final = "check plug, cable and supply of the node"
 _BUS: Final = "check CAN cable, termination, bit rate and the interface"
 _CONFIGURATION: Final = "compare the device with the configuration, see pdgw config check --bus"
@@ -703,7 +705,7 @@ class FaultNumber(enum.IntEnum):
         "100 %, mode of operation or an option of the drive is not usable",
         0xFF02,
         By.DRIVE,
-        "set the named key or object",
+        SET_NAMED,
     )
     NODE_RESTARTED = (105, "node restarted during operation", 0xFF03, By.NODE, _SUPPLY)
     NODE_REFUSED = (106, "node identity or configuration rejected", 0xFF04, By.NODE, _CONFIGURATION)

@@ -203,7 +203,7 @@ class Daemon:
     def _on_bus(self, network: CanNetwork, text: str) -> None:
         """The bus is lost, for another reason, or back."""
         self.events.add("bus", None, text)
-        evidence = network.flood or network.health.outage
+        evidence = network.trouble
         for item in self.objects:
             if evidence is not None and item.network is network:
                 text = f"bus {network.name}: {evidence.text}"

@@ -90,7 +90,6 @@ class DriveObject(abc.ABC):
         """Whether it was in operation then."""
         self.shown = EnableStatus(AxisState.STARTING, ())
         """As it was logged or shown last."""
-        self._logged_state: tuple[AxisState, Reason | None] | None = None
         self._shown_status: NodeStatus | None = None
         self._warned = False
         """The device showed a warning in the last step."""
@@ -251,7 +250,7 @@ class DriveObject(abc.ABC):
     def _show_reason(self) -> None:
         """Log another reason of the chain than before."""
         enable_status = self.enable_status
-        shown = None if enable_status.broken is None else enable_status.broken.reason
+        shown = enable_status.reason
         self.log_state(enable_status)
         if shown is not self._shown_reason:
             self._happened(enable_status.happening, stops=self._operated and enable_status.state is not AxisState.OBEYS)
@@ -273,10 +272,8 @@ class DriveObject(abc.ABC):
 
     def log_state(self, status: EnableStatus) -> None:
         """Log the event of another state or reason. A cycle without news does not see all of them; the next status does."""
-        self.shown, broken = status, status.broken
-        state = status.state, broken.reason if broken else None
-        if state != self._logged_state:
-            self._logged_state = state
+        before, self.shown = self.shown, status
+        if (status.state, status.reason) != (before.state, before.reason):
             self.log_event("reason", self.do_id, status.untimed.sentence, 0)
 
     def _report(self, events: Events) -> None:

@@ -149,10 +149,9 @@ class _Chain:
     def check_node(self, offline: Reason) -> bool:
         """Bus and node; False if the device cannot be checked."""
         network, client = self.item.network, self.item.client
-        outage, flood = network.health.shown(network.loop.now()), network.flood
-        found = flood or outage if outage is not None or not self.item.good else None
-        if found is not None:
-            again = () if found in (flood, Outage.STAYS_OFF) else ("the gateway connects again by itself",)
+        if (found := network.trouble) is not None and not (network.healthy and self.item.good):
+            stays = found in (network.flood, Outage.STAYS_OFF)
+            again = () if stays else ("the gateway connects again by itself",)
             evidence = f"bus {network.name}: {found.text}"
             self.breaks(Reason.BUS_LOST, evidence=evidence, remedy=(found.remedy, *again))
             return False

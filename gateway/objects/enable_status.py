@@ -46,6 +46,11 @@ class EnableStatus(NamedTuple):
         return next((link for link in self.chain if link.ok is False), None)
 
     @property
+    def reason(self) -> Reason | None:
+        """That of the first broken link."""
+        return None if self.broken is None else self.broken.reason
+
+    @property
     def sentence(self) -> str:
         """State, reason and remedy: ``Fault: EMCY 7305h incremental sensor 1, since 14:02:11. Check the encoder cable.``"""
         link = self.broken

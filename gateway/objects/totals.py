@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 from pdgw.base.durations import SECOND
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS
+from pdgw.gateway.base.reasons import GATEWAY_FAULTS, Finding
+from pdgw.gateway.objects.origins import of_fault
 
 DAY_NS: Final = 86_400 * SECOND
 FLAPS: Final = 5
@@ -16,35 +16,24 @@ _KINDS: Final = 64
 """Different faults that are counted at a time."""
 
 
-@dataclass(slots=True)
-class Total:
-    """One fault. Times are monotonic nanoseconds."""
-
-    name: str
-    first_ns: int
-    last_ns: int
-    count: int = 1
-
-
 class Totals:
     """The faults of one drive object by number and code. One that did not come for a day is forgotten."""
 
     def __init__(self) -> None:
-        self._totals: dict[tuple[int, int], Total] = {}
+        self._totals: dict[tuple[int, int], Finding] = {}
 
     def enter(self, record: FaultRecord) -> None:
-        """A fault is reported."""
-        key, now = (record.number, record.code), record.time_ns
-        total = self._totals.pop(key, None)
-        if total is None or now - total.last_ns > DAY_NS:
-            fault = GATEWAY_FAULTS.get(record.number)
-            total = Total(record.text if fault is None else fault.title, now, now, 0)
-        total.count += 1
-        total.last_ns = now
+        """A fault is reported. That of the gateway has the title of its number as evidence."""
+        key, total = (record.number, record.code), of_fault(record)
+        if (fault := GATEWAY_FAULTS.get(record.number)) is not None:
+            total = total._replace(evidence=fault.title)
+        before = self._totals.pop(key, None)
+        if before is not None and record.time_ns - before.last_ns <= DAY_NS:
+            total = before._replace(times=before.times + 1, last_ns=record.time_ns)
         self._totals[key] = total
         if len(self._totals) > _KINDS:
             del self._totals[next(iter(self._totals))]
 
-    def present(self, now: int) -> list[Total]:
+    def present(self, now: int) -> list[Finding]:
         """Those of the last day, the newest first."""
         return [total for total in reversed(self._totals.values()) if now - total.last_ns <= DAY_NS]

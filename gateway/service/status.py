@@ -11,15 +11,13 @@ from typing import Any
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.base.version import package_version
-from pdgw.ds301.bus.flood import Flood
-from pdgw.ds301.bus.health import Outage
-from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.loop.loop import Event, Loop, Task, Timer
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.base.finding_text import clock, finding_line, wall_time
 from pdgw.gateway.base.identity import interpreter, kind
 from pdgw.gateway.base.ports import bound
+from pdgw.gateway.base.reasons import Finding
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.base.store import units_text
 from pdgw.gateway.objects.axis import Axis
@@ -29,7 +27,7 @@ from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import LINES, around_the_last_stop
 from pdgw.gateway.objects.protections import protections
-from pdgw.gateway.objects.totals import FLAPS, Total
+from pdgw.gateway.objects.totals import FLAPS
 from pdgw.gateway.service.causes import causes, who
 from pdgw.gateway.service.running import RunningGateway
 from pdgw.profidrive.signal_text import Rated, scale, texts
@@ -78,10 +76,11 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
     }
 
 
-def _total(loop: Loop, total: Total) -> dict[str, Any]:
-    """How often a fault came in the last day."""
-    times = {"first": _shown_time(loop, total.first_ns), "last": _shown_time(loop, total.last_ns)}
-    return {"name": total.name, "count": total.count} | times
+def _counted(loop: Loop, found: Finding) -> dict[str, Any]:
+    """How often a fault came, and when; an origin without a fault has its begin alone."""
+    last_ns = found.last_ns or found.since_ns
+    times = {"first": _shown_time(loop, found.since_ns), "last": _shown_time(loop, last_ns)}
+    return {"count": found.times} | times
 
 
 def _origin(item: DriveObject) -> dict[str, Any] | None:
@@ -96,15 +95,12 @@ def _origin(item: DriveObject) -> dict[str, Any] | None:
         "ended": origin.ended,
         "before": origin.before,
         "remedy": remedy_text(origin.remedy),
-        "count": origin.times,
-        "first": _shown_time(loop, origin.since_ns),
-        "last": _shown_time(loop, origin.last_ns or origin.since_ns),
-    }
+    } | _counted(loop, origin)
 
 
 def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
     """The common status of axes and encoders."""
-    enable_status, cause = item.enable_status, item.cause
+    loop, enable_status, cause = item.client.loop, item.enable_status, item.cause
     item.log_state(enable_status)
     raw, chosen = item.last_setpoints, item.telegram
     setpoints, actuals = None if raw is None else chosen.setpoints.as_dict(raw), chosen.actuals.as_dict(item.actuals)
@@ -143,12 +139,12 @@ def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
         "rated_speed": None if rated is None else rated.speed,
         "rated_speed_unit": "rpm" if rated is None else rated.unit,
         "iops_good": item.good,
-        "heard_age_ms": round((item.client.loop.now() - received_ns) / MS, 1) if received_ns else None,
+        "heard_age_ms": round((loop.now() - received_ns) / MS, 1) if received_ns else None,
         "saturations": item.outputs.saturations,
         "cause": None if cause is None else _fault(item, cause),
         "origin": _origin(item),
         "faults": fault_status(item, 1),
-        "totals": [_total(item.client.loop, total) for total in item.totals.present(item.client.loop.now())],
+        "totals": [{"name": total.evidence} | _counted(loop, total) for total in item.totals.present(loop.now())],
         "warning": device_warning(item),
         "fault_count": len(item.faults),
         "active_faults": sorted({int(record.number) for record in item.fault_log.unacknowledged()}),
@@ -264,11 +260,6 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     )
 
 
-def _outage(network: CanNetwork) -> Outage | Flood | None:
-    """Why a bus does not serve its nodes; None if it does."""
-    return network.flood or network.health.shown(network.loop.now())
-
-
 def _head(daemon: RunningGateway) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
@@ -302,8 +293,8 @@ def _head(daemon: RunningGateway) -> dict[str, Any]:
                 "interface": bus.interface,
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
-                "healthy": (outage := _outage(daemon.networks[bus.name])) is None,
-                "outage": "" if outage is None else outage.text,
+                "healthy": (trouble := daemon.networks[bus.name].trouble) is None,
+                "outage": "" if trouble is None else trouble.text,
                 "unconfigured": daemon.networks[bus.name].unconfigured(),
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
@@ -345,17 +336,17 @@ def explanation(daemon: RunningGateway, items: Sequence[DriveObject]) -> list[di
     shown = [(line.time_ns, who([item for item in items if item.do_id in line.objects]), line.shown) for line in found]
     for item in items:
         if (total := often.get(item.do_id)) is not None:
-            since, last = clock(total.first_ns, loop), clock(total.last_ns, loop)
-            shown.append((total.last_ns, item.label, f"{total.name}: {total.count} times since {since}, last {last}"))
+            since, last = clock(total.since_ns, loop), clock(total.last_ns, loop)
+            text = f"{total.evidence}: {total.times} times since {since}, last {last}"
+            shown.append((total.last_ns, item.label, text))
     shown.sort(key=lambda line: line[0])
     return [{"time": _shown_time(loop, time_ns), "who": label, "text": text} for time_ns, label, text in shown[-LINES:]]
 
 
-def _flapping(item: DriveObject) -> Total | None:
+def _flapping(item: DriveObject) -> Finding | None:
     """The fault that came most often in the last day, if it came very often."""
-    totals = item.totals.present(item.client.loop.now())
-    most = max(totals, key=lambda total: total.count, default=None)
-    return most if most is not None and most.count >= FLAPS else None
+    often = [total for total in item.totals.present(item.client.loop.now()) if total.times >= FLAPS]
+    return max(often, key=lambda total: total.times, default=None)
 
 
 def events_after(daemon: RunningGateway, number: int) -> Iterator[dict[str, Any]]:

@@ -20,11 +20,11 @@ def test_a_total_counts_from_its_first_time_until_it_did_not_come_for_a_day() ->
         totals.enter(gateway_fault(FaultNumber.NODE_LOST, f"for another reason {number}", number * SECOND))
     totals.enter(gateway_fault(FaultNumber.PLC_LOST, "", 4 * SECOND))
     newest, oldest = totals.present(5 * SECOND)
-    assert (newest.name, newest.count) == ("PLC lost", 1)
-    assert (oldest.name, oldest.count, oldest.first_ns, oldest.last_ns) == ("node lost", 3, 0, 2 * SECOND)
+    assert (newest.evidence, newest.times) == ("PLC lost", 1)
+    assert (oldest.evidence, oldest.times, oldest.since_ns, oldest.last_ns) == ("node lost", 3, 0, 2 * SECOND)
     assert len(totals.present(DAY_NS + 3 * SECOND)) == 1
     totals.enter(gateway_fault(FaultNumber.NODE_LOST, "", 2 * DAY_NS))
-    assert [total.count for total in totals.present(2 * DAY_NS)] == [1]
+    assert [total.times for total in totals.present(2 * DAY_NS)] == [1]
 
 
 def test_different_faults_of_a_device_have_a_limit() -> None:
