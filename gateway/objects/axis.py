@@ -240,24 +240,21 @@ class Axis(DriveObject):
     def _origin(self) -> Finding:
         """That of the stop of this step, if no fault of it is reported. Its time is left out."""
         interlock, reason = self.machine.interlock, self.machine.interlock.reason or Reason.NEEDS_OFF
+        found = Finding(reason, reason.value, Reason.NEEDS_OFF.remedy, by=By.DRIVE)
         if self.gateway_stops:
-            return Finding(Reason.GATEWAY_STOPS, Reason.GATEWAY_STOPS.value, Reason.NEEDS_OFF.remedy)
+            return found._replace(evidence=Reason.GATEWAY_STOPS.value, by=By.GATEWAY)
         if (fault := GATEWAY_FAULTS.get(interlock.cell.fault or 0)) is None:
-            if reason is Reason.INHIBITED and (found := self.inhibited) is not None:
-                return found._replace(by=By.DRIVE)
-            order = ORDERS.get(reason)
-            by = By.PLC if order else By.DRIVE
-            return Finding(reason, order or reason.value, Reason.NEEDS_OFF.remedy, by=by)
+            if reason is Reason.INHIBITED and self.inhibited is not None:
+                return self.inhibited
+            return found._replace(evidence=ORDERS[reason], by=By.PLC) if reason in ORDERS else found
         if fault is FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
             return finding._replace(by=By.PLC, number=fault, last_ns=self.machine.inputs.now, times=1)
         evidence = fault.title
         if fault is FaultNumber.NODE_LOST:
             if self.machine.restart_asked:
-                restarted = "a parameter request has restarted the node (P970, P972)"
-                return Finding(Reason.NEEDS_OFF, restarted, Reason.NEEDS_OFF.remedy, by=By.PLC)
-            if self.drive.unconfirmed:
-                evidence = f"{evidence}: {self.drive.unconfirmed}"
-        return Finding(reason, evidence, fault.remedy, by=fault.by, number=fault)
+                return found._replace(evidence="a parameter request has restarted the node (P970, P972)", by=By.PLC)
+            evidence = ": ".join(filter(None, (evidence, self.drive.unconfirmed)))
+        return found._replace(evidence=evidence, remedy=fault.remedy, by=fault.by, number=fault)
 
     @property
     def inhibited(self) -> Finding | None:
@@ -361,7 +358,7 @@ class Axis(DriveObject):
             record = reported.record
             if reported.active and record.code in PDO_ERRORS:
                 evidence = f"the drive does not process the gateway's RPDOs: {record.text}"
-                return Finding(Reason.NOT_OPERATING, evidence, REMAP)
+                return Finding(Reason.NOT_OPERATING, evidence, REMAP, by=By.DRIVE)
         untaken = self.untaken
         shown = self.drive.feedback.statusword & STATE_MASK
         if untaken is None or (untaken.shown, untaken.generation) != (shown, self._generation):

@@ -360,7 +360,11 @@ def _check_command(chain: _Chain, axis: Axis) -> None:
     if missing is None and asked not in _ASKS:
         missing = _PHASES.get(phase, Reason.SWITCHED_OFF)
     if missing is None and not axis.released:
-        _check_latch(chain, axis)
+        if (origin := axis.origins.present) is None:
+            chain.breaks(Reason.NEEDS_OFF)
+        else:
+            evidence = f"ON ignored: {origin.evidence}"
+            chain.breaks(Reason.NEEDS_OFF, origin, evidence=evidence, remedy=with_on(origin.remedy))
         return
     if missing in (Reason.COAST_STOP, Reason.QUICK_STOP) and _control_word(axis)[1] & 1 and not axis.powered:
         missing = Reason.HELD_OFF
@@ -422,15 +426,6 @@ def _order_of(chain: _Chain, axis: Axis, reason: Reason) -> Finding:
     if reason in REFUSED_ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
         return found._replace(remedy=todo, more=more, since_ns=record.time_ns)
     return found._replace(remedy=todo, evidence=found.evidence + more)
-
-
-def _check_latch(chain: _Chain, axis: Axis) -> None:
-    """ON is there and was used up: what began the stop."""
-    origin = axis.origins.present
-    if origin is None:
-        chain.breaks(Reason.NEEDS_OFF)
-        return
-    chain.breaks(Reason.NEEDS_OFF, origin, evidence=f"ON ignored: {origin.evidence}", remedy=with_on(origin.remedy))
 
 
 def activity(axis: Axis) -> str:

@@ -17,7 +17,7 @@ from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.finding_text import finding_text
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Finding, Reason, Weight
 
-ORDERS: Final[dict[Reason | None, str]] = {
+ORDERS: Final = {
     Reason.RAMP_STOP: "ON came before the end of the OFF1 ramp",
     Reason.QUICK_STOP: "the PLC has sent OFF3 (STW1.2 = 0)",
     Reason.COAST_STOP: "the PLC has sent OFF2 (STW1.1 = 0)",
@@ -44,7 +44,8 @@ def used_up(state: State, enter_ns: int, *, supply: bool, remote: bool) -> Findi
         lacks, todo = "no supply voltage (Statusword.4 = 0)", Reason.NO_SUPPLY.remedy
     elif not remote:
         lacks, todo = f"{lacks}, or local mode (Statusword.9 = 0)", (*Reason.LOCAL_MODE.remedy, *todo)
-    return Finding(Reason.INHIBITED, f"the drive did not leave {state.value}{time} after ON: {lacks}", todo)
+    text = f"the drive did not leave {state.value}{time} after ON: {lacks}"
+    return Finding(Reason.INHIBITED, text, todo, by=By.DRIVE)
 
 
 _SUSPECTED: Final = (0, FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED, FaultNumber.LEFT_OPERATION)
