@@ -139,7 +139,7 @@ class Origins:
     def returned(self, now: int) -> None:
         """The PLC sends setpoints again."""
         present = self.present
-        if present is not None and present.reason.past:
+        if present is not None and present.reason.past and not present.until_ns:
             past, remedy = present.reason.past, Reason.NEEDS_OFF.remedy
             self.present = present._replace(evidence=past, remedy=remedy, until_ns=now)
 

@@ -248,6 +248,21 @@ def test_origins_of_a_gateway_that_is_killed_are_kept(monkeypatch: pytest.Monkey
         assert LastWords(4242).origins == {}, "ON works again"
 
 
+def test_a_stop_of_the_plc_keeps_its_end_when_the_plc_is_lost_later() -> None:
+    with in_operation() as (daemon, plc):
+        plc.endpoint.run = False
+        run_out(plc)
+        plc.endpoint.run = True
+        run_out(plc)
+        before = status_of(daemon).text
+        assert "the PLC was in STOP from " in before
+        plc.silent = True
+        run_out(plc)
+        plc.silent = False
+        run_out(plc)
+        assert status_of(daemon).text == before
+
+
 STEPS: tuple[dict[str, int], ...] = (
     {"STW1": ON & ~0x40},
     {"STW1": ON},
