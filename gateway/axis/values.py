@@ -115,6 +115,8 @@ class FaultRecord:
     is_warning: bool = False
     is_bare: bool = False
     """The device shows a fault, and no code of it can be read."""
+    is_older: bool = False
+    """It began before the connection: ``time_ns`` is when it was found."""
     by: By | None = None
     """Who caused it, where the row of its number does not say so,"""
     remedy: str = ""

@@ -22,6 +22,7 @@ from pdgw.base.version import package_version
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import SYNC
+from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import Cause
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("gateway")
 
+_NOT_STARTED: Final = "the gateway sent no heartbeat before its start"
+_IF_IT_RAN: Final = "if the gateway had not ended, check CAN cable, termination and bit rate"
 _SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
 """Number of consecutive cycles without power in any drive before the nodes are stopped."""
@@ -198,6 +201,9 @@ class Daemon:
             return explained
         if (cause := self._same_ids[item.network.name].explains(item, record)) is not None:
             return replace(record, text=f"{record.text}: {cause.evidence}", remedy=cause.remedy)
+        unknown = record.is_older and item.client.generation == 1 and not item.origins.last(self.loop)
+        if record.code == HEARTBEAT_ERROR and (unknown or record.time_ns - self.started_ns < SECOND):
+            return replace(record, text=f"{record.text}: {_NOT_STARTED}", remedy=_IF_IT_RAN, is_older=True)
         return record
 
     def _on_bus(self, network: CanNetwork, text: str) -> None:

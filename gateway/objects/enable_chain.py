@@ -284,7 +284,7 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     again = asks and not axis.released
     if state in FAULTY:
         cause = axis.cause
-        fault = Finding.of(Reason.DRIVE_FAULT, place="remove the cause") if cause is None else of_fault(cause.record)
+        fault = Finding.of(Reason.DRIVE_FAULT, place="remove the cause") if cause is None else axis.origins.of(cause.record)
         if fault.code == HEARTBEAT_ERROR and axis.acknowledged_in_vain:
             fault = fault._replace(evidence=_CONSUMER, remedy=(_ARM,))
         chain.breaks(Reason.DRIVE_FAULT, fault, remedy=(*fault.remedy, _acknowledge(axis)))

@@ -93,9 +93,14 @@ class Origins:
     def last(self, loop: Loop) -> str:
         """What began the last stop, as text; empty if only the gateway itself did."""
         origin = self.severe or self.present
-        if origin is None or (origin.by is By.GATEWAY and not origin.number):
+        if origin is None or (origin.by is By.GATEWAY and not origin.number) or origin.before:
             return self._recalled
         return finding_text(origin, loop)
+
+    def of(self, record: FaultRecord) -> Finding:
+        """That of a fault; of an older one with what the last gateway has kept."""
+        fault = of_fault(record)
+        return fault._replace(since_ns=0, before=self._recalled) if record.is_older else fault
 
     def enter(self, record: FaultRecord) -> None:
         """A fault is reported."""
@@ -116,7 +121,7 @@ class Origins:
                 and record.time_ns - present.since_ns < EMERGENCY_PATIENCE_NS
             )
         ):
-            self.present = of_fault(record)
+            self.present = self.of(record)
             self._replace_guess()
 
     def prove(self, proof: Finding) -> None:

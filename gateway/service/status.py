@@ -79,7 +79,7 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
 def _counted(loop: Loop, found: Finding) -> dict[str, Any]:
     """How often a fault came, and when; an origin without a fault has its begin alone."""
     last_ns = found.last_ns or found.since_ns
-    times = {"first": _shown_time(loop, found.since_ns), "last": _shown_time(loop, last_ns)}
+    times = {"first": _shown_time(loop, found.since_ns or last_ns), "last": _shown_time(loop, last_ns)}
     return {"count": found.times} | times
 
 

@@ -313,6 +313,7 @@ def test_fault_of_before_the_start_says_that_its_time_is_not_its_own() -> None:
         until(daemon, lambda: daemon.axes[0].faults, "the fault")
         (fault,) = snapshot(daemon)["axes"][0]["faults"]
         assert fault["text"] == "over-current (older than the connection)"
+        assert snapshot(daemon)["axes"][0]["sentence"].startswith("Fault: over-current (older than the connection). ")
         drive_of(daemon).clear()
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})

@@ -307,8 +307,8 @@ class DriveWatch:
         """When the drive showed a fault, left operation by itself or was lost in it, while its EMCY may still come; else 0."""
         self.fault_began = 0
         """When the Statusword showed a fault last."""
-        self._unannounced = "no EMCY"
-        """Why that fault has no EMCY."""
+        self._is_older = False
+        """That fault began before the connection: it has no EMCY."""
         self.shown = 0
         """The Statusword bits of the state as they were last, 0 without a drive."""
         self._supplied = len(_SUPPLIED)
@@ -334,7 +334,7 @@ class DriveWatch:
         begins = state is not previous and state in _PROOF and previous not in FAULTY
         if state in FAULTY and previous not in FAULTY:
             self.fault_began = now
-            self._unannounced = "no EMCY" if self.shown else "older than the connection"
+            self._is_older = not self.shown
         self.shown = shown
         if state is None and previous is not None:
             self._report_once(FaultNumber.STATE_UNKNOWN, f"Statusword {statusword:04X}h", now)
@@ -369,13 +369,15 @@ class DriveWatch:
     def fault_read(self, read: FaultRead, feedback: DriveFeedback, faults: Mapping[int, DriveFault], now: int) -> None:
         """The number and code that were read; ``faults``: the manufacturer's by number."""
         named = faults.get(read.number)
+        why = "older than the connection" if self._is_older else "no EMCY"
         # 0 means an empty entry in P945
         code = read.code or (0 if named is None else named.error_code) or GENERIC_ERROR
         if named is not None:
-            text = f"{named.name} ({self._unannounced})"
+            text = f"{named.name} ({why})"
         elif read.code:
-            text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, {self._unannounced})"
+            text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, {why})"
         else:
-            text = f"Statusword {feedback.statusword:04X}h shows a fault ({self._unannounced})"
+            text = f"Statusword {feedback.statusword:04X}h shows a fault ({why})"
         bare = named is None and not read.code
-        self._outputs.fault(FaultRecord(read.number or INTERNAL_FAULT, code, 0, text, now, is_bare=bare))
+        number = read.number or INTERNAL_FAULT
+        self._outputs.fault(FaultRecord(number, code, 0, text, now, is_bare=bare, is_older=self._is_older))

@@ -221,6 +221,20 @@ def test_after_a_restart_of_the_gateway_the_last_origin_is_named(title: str) -> 
             assert daemon.origins() == {}
 
 
+def test_an_older_fault_is_named_with_what_the_last_gateway_has_kept() -> None:
+    kept = {"1": "EMCY 2310h over-current, since 04:11:02"}
+
+    def before(daemon: Daemon) -> None:
+        drive_of(daemon).inject(7)
+        daemon.recall("", kept)
+
+    with running(configuration(axis(1), transport=SLOW_PLC), before) as daemon:
+        plc = Plc(daemon, [1])
+        plc.until(lambda: daemon.axes[0].faults, "the fault")
+        assert status_of(daemon).text == f"Fault: over-current (older than the connection); before: {kept['1']}"
+        assert daemon.origins() == kept, "the next gateway has this too"
+
+
 def test_origins_are_kept_with_the_last_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
     with kept_last_words(4242) as words:

@@ -268,7 +268,7 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         operates=False,
         spoil=_show_fault,
         says=(
-            "Fault: Statusword 0008h shows a fault (older than the connection)",
+            "Fault: Statusword 0008h shows a fault (older than the connection). ",
             "read the fault at the display of the device",
         ),
         lacks=("this code",),
