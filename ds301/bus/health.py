@@ -48,6 +48,11 @@ class Outage(enum.Enum):
         "no device on the bus acknowledges a frame: all nodes are silent",
         "check the supply of the devices, then the CAN cable at the gateway, termination and bit rate",
     )
+    QUIET = (
+        "the interface sends no frame and reports no error",
+        "if it is bus-off since before the start (ip -details link show can0), set it down and up; else check the supply of the "
+        "devices, then the CAN cable at the gateway, termination and bit rate",
+    )
     STUCK = (
         "the interface receives frames and sends none",
         "unplug the CAN adapter for a moment, or set its interface down and up; check its driver",
@@ -72,7 +77,7 @@ class BusHealth:
         self._one_way_since = -1
         """Since when frames are received while the interface takes none to send; -1: they are not."""
         self._error = 0
-        """When the controller reported an error last."""
+        """When the controller reported an error last; 0: never."""
 
     def shown(self, now: int) -> Outage | None:
         """The outage for the user: a bus-off may stay."""
@@ -106,7 +111,8 @@ class BusHealth:
         elif now - self._busy_since >= BUSY_NS and not self._bus_off:
             # The first frame of a device that was off comes before the interface has sent what waits.
             since = now if self.outage is None else now - BUSY_NS
-            self._fail(Outage.STUCK if 0 <= self._one_way_since <= since else Outage.UNACKNOWLEDGED)
+            alone = Outage.UNACKNOWLEDGED if self._error else Outage.QUIET
+            self._fail(Outage.STUCK if 0 <= self._one_way_since <= since else alone)
 
     def lost(self) -> None:
         """The interface does not work any more."""

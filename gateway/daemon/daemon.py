@@ -202,8 +202,8 @@ class Daemon:
         if (cause := self._same_ids[item.network.name].explains(item, record)) is not None:
             return replace(record, text=f"{record.text}: {cause.evidence}", remedy=cause.remedy)
         unknown = record.is_older and item.client.generation == 1 and not item.origins.last(self.loop)
-        if record.code == HEARTBEAT_ERROR and (unknown or record.time_ns - self.started_ns < SECOND):
-            return replace(record, text=f"{record.text}: {_NOT_STARTED}", remedy=_IF_IT_RAN, is_older=True)
+        if unknown and record.code == HEARTBEAT_ERROR:
+            return replace(record, text=f"{record.text}: {_NOT_STARTED}", remedy=_IF_IT_RAN)
         return record
 
     def _on_bus(self, network: CanNetwork, text: str) -> None:

@@ -40,6 +40,7 @@ from pdgw.gateway.objects.bit_effects import bit_effects
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
+from pdgw.gateway.objects.inquiry import SENDS_NOTHING
 from pdgw.gateway.objects.lag import lag_of, reductions
 from pdgw.gateway.objects.origins import of_fault
 from pdgw.profidrive.encoder import (
@@ -56,6 +57,7 @@ from pdgw.profidrive.words import unswapped
 _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
 )
+_ONE_WAY: Final = "its frames arrive, and it answers no SDO request: the interface may send nothing"
 _CONSUMER: Final = (
     "the heartbeat consumer of the drive (1016h) stays in error (8130h), although the gateway sends its heartbeat"
 )
@@ -150,7 +152,7 @@ class _Chain:
         """Bus and node; False if the device cannot be checked."""
         network, client = self.item.network, self.item.client
         if (found := network.trouble) is not None and not (network.healthy and self.item.good):
-            stays = found in (network.flood, Outage.STAYS_OFF)
+            stays = found in (network.flood, Outage.STAYS_OFF, Outage.QUIET)
             again = () if stays else ("the gateway connects again by itself",)
             evidence = f"bus {network.name}: {found.text}"
             self.breaks(Reason.BUS_LOST, evidence=evidence, remedy=(found.remedy, *again))
@@ -181,6 +183,8 @@ class _Chain:
             ):
                 also = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
                 reason, evidence, todo = offline, f"{there}: {evidence}; {also}", (_WRONG_NODE_ID,)
+            case NodeStatus.OFFLINE if network.loop.now() - (client.received_ns or -SECOND) < SECOND:
+                reason, evidence, todo = offline, f"{there}: {_ONE_WAY}", SENDS_NOTHING.remedy
             case _:
                 if origin is not None and origin.number == FaultNumber.NODE_LOST and origin.times > 1:
                     times, evidence = origin, origin.evidence

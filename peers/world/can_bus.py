@@ -182,6 +182,7 @@ class SimulatedCan:
         """Add a controller with this size of its queue."""
         member = Member(self, name, places)
         self.members.append(member)
+        self._begin()  # it acknowledges what others repeat
         return member
 
     def short(self, shorted: bool) -> None:

@@ -29,6 +29,12 @@ def test_a_full_queue_without_received_frames_is_a_missing_acknowledge() -> None
     assert health.outage is Outage.UNACKNOWLEDGED
 
 
+def test_interface_without_an_error_may_be_bus_off_since_before_the_start() -> None:
+    health = BusHealth()
+    refuse(health, 1, BUSY_NS)
+    assert health.outage is Outage.QUIET
+
+
 def test_an_interface_that_only_receives_is_stuck_and_not_well_again_by_a_frame() -> None:
     health = BusHealth()
     refuse(health, 1, 2 * BUSY_NS, hears=True)
@@ -44,6 +50,7 @@ def test_an_interface_that_only_receives_is_stuck_and_not_well_again_by_a_frame(
 
 def test_first_frame_of_a_device_that_was_off_does_not_prove_a_stuck_interface() -> None:
     health = BusHealth()
+    health.error(1, bus_off=False)
     refuse(health, 1, 5 * BUSY_NS)
     health.received(6 * BUSY_NS)
     health.busy(6 * BUSY_NS + MS)

@@ -12,8 +12,6 @@ from tests.support.gateways.daemon import Plc, world_of
 
 COMMANDED = "the last one ended on 2026-03-01 at 04:11:02: stopped as commanded"
 KILLED = "the last one was killed or has crashed, its last sign of life was on 2026-03-01 at 04:11:02"
-_DOWN_NS = SECOND
-"""How long no gateway runs: a heartbeat consumer notices it."""
 
 
 @contextmanager
@@ -36,7 +34,7 @@ def restarted(plc: Plc, daemon: Daemon, *, killed: bool = False) -> Iterator[Dae
         _pass(plc, 50 * MS)  # the interface sends what is in its queue
     if before in world.bus("world").members:
         world.bus("world").members.remove(before)
-    _pass(plc, _DOWN_NS)
+    _pass(plc, SECOND)  # a heartbeat consumer notices it
     following = build_gateway(daemon.config, world)
     port = world.gateway_port("world")  # the same controller, in its state
     port.restart_ns, port.bus_off = before.restart_ns, before.bus_off
