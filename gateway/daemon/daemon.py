@@ -381,10 +381,13 @@ class Daemon:
         return {do_id: text for do_id, text in found.items() if text}
 
     def last_event(self) -> str:
-        """The newest event, with its drive object."""
+        """The newest event, with its drive object. Of a reason its evidence, as it is now, without the remedy."""
         event = self.events.last
         item = next((item for item in self.objects if item.do_id == event.do_id), None)
-        return f"{item.label}: {event.text}" if item is not None else event.text
+        if item is None:
+            return event.text
+        text = item.enable_status.text if event.kind == "reason" else event.text
+        return f"{item.label}: {text}"
 
     def update_store(self, change: Callable[[DeviceParameters], None]) -> None:
         """Change stored parameters, in a task: saved first, then in force. GatewayError when the file cannot be written."""

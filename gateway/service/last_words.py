@@ -35,8 +35,8 @@ class LastWords:
 
     def __init__(self, port: int) -> None:
         document = _newest(port)
-        self.text = _text(document, os.getpid())
-        """How the last one ended; empty if that is unknown."""
+        self.text = _text(document | {"event": ""}, os.getpid()) if document else ""
+        """How the last one ended, without its last event: ``origins`` have what counts. Empty if that is unknown."""
         self.origins: dict[str, str] = document.get("origins", {})
         """What had stopped its drive objects, by DO-ID."""
         self.find: Callable[[], dict[str, str]] = lambda: self.origins

@@ -248,11 +248,14 @@ def test_origins_are_kept_with_the_last_words(monkeypatch: pytest.MonkeyPatch, t
 def test_origins_of_a_gateway_that_is_killed_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
     with kept_last_words(4242) as words, in_operation() as (daemon, plc):
-        words.keep(daemon.loop, daemon.origins)
+        words.keep(daemon.loop, daemon.origins, daemon.last_event)
         lose(plc, daemon)
         run_out(plc)
         killed = LastWords(4242)
-        assert "the last one was killed or has crashed" in killed.text
+        assert killed.text.startswith("the last one was killed or has crashed, its last sign of life was on ")
+        assert "ON ignored" not in killed.text, "the next one says in its own line what had stopped the drive object"
+        assert daemon.last_event().startswith("axis 1: Waits: ON ignored: node lost: silent")
+        assert "Check plug" not in daemon.last_event()
         assert list(killed.origins) == ["1"]
         assert killed.origins["1"].startswith("node lost: silent")
         with kept_last_words(4242):
