@@ -44,6 +44,7 @@ _RETRY_REFUSED_NS: Final = 5 * SECOND
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
 _TOOL: Final = "disconnect the other tool, or have it only read"
+_HANGS: Final = "check supply and plug of the device, then switch it off and on"
 _CHECKED: Final = "another tool wrote to its configuration"
 _ONLINE: Final = NodeStatus.ONLINE
 
@@ -69,7 +70,14 @@ class NodeClient(BringUp[S]):
         self.question: Callable[[int], bool] = lambda _: False
         """Begin to read an object without the task at this time, if it is due; False: it is not."""
         self._losses = Losses(
-            network, self.sdo, self.heartbeat, self.emergencies, self.polling, self._polled, self._booted
+            settings.node_id,
+            network,
+            self.sdo,
+            self.heartbeat,
+            self.emergencies,
+            self.polling,
+            self._polled,
+            self._booted,
         )
         self.loss: Loss | None = None
         """Who caused the last loss, if not the node."""
@@ -280,6 +288,8 @@ class NodeClient(BringUp[S]):
     def _absent(self, text: str) -> None:
         if self.status is not NodeStatus.LOST:
             self._set_status(NodeStatus.OFFLINE, Cause(text))
+        elif self.cause is self._losses.restarted:
+            self.cause = Cause(f"{self.cause.evidence}, and has answered no SDO request since", _HANGS)
         self._wait(_RETRY_ABSENT_NS)
         if self.sdo.double_timeout():
             timeout = f"the timeout is now {self.sdo.timeout_ns // MS} ms; set sdo_timeout_ms"

@@ -26,6 +26,7 @@ class Losses:
 
     def __init__(
         self,
+        node_id: int,
         network: CanNetwork,
         sdo: SdoAccess,
         heartbeat: Heartbeat,
@@ -34,6 +35,7 @@ class Losses:
         polled: PolledObjects,
         booted: Event,
     ) -> None:
+        self.restarted = Cause(f"node {node_id} restarted")
         self._network = network
         self._sdo = sdo
         self._heartbeat = heartbeat
@@ -45,7 +47,7 @@ class Losses:
     def find(self, settings: NodeSettings, operation: Operation, now: int) -> Lost | None:
         """Why the node is lost; None if it is not."""
         if self._booted.is_set():
-            return self.by_other_master() or Lost(Cause(f"node {settings.node_id} restarted"))
+            return self.by_other_master() or Lost(self.restarted)
         if self._sdo.doubles.proof:
             return Lost(Cause.of(self._sdo.two_devices()))
         heartbeat, oldest = self._heartbeat, now - operation.timeout_ns

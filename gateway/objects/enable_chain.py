@@ -63,6 +63,18 @@ _CONSUMER: Final = (
 )
 """A fault of a drive that acknowledging does not end."""
 _ARM: Final = "restart the node (P972, or power off and on), which arms the consumer again"
+_ENCODER_WARNINGS: Final = (
+    "it turned faster than its sensor can follow",
+    "its light source is nearly worn out: plan its replacement",
+    "its watchdog has restarted its processor",
+    "its operating time has reached its limit: plan its replacement",
+    "its battery is nearly empty: change the battery",
+    "its reference point has not been reached",
+)
+"""The bits of 6505h, from 0 on."""
+_SWITCHES: Final = "both limit switches are active: check their supply, plug and cable"
+_BOTH_SWITCHES: Final = 3
+"""60FDh.0 and .1."""
 _ONLY_WITHOUT_POWER: Final = "only safe torque off (STO) or switching its supply off stops it"
 _HOME_LOST: Final = "the home position was lost with the drive"
 _KEEPS: Final = "the last setpoint stays"
@@ -288,7 +300,9 @@ def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     again = asks and not axis.released
     if state in FAULTY:
         cause = axis.cause
-        fault = Finding.of(Reason.DRIVE_FAULT, place="remove the cause") if cause is None else axis.origins.of(cause.record)
+        fault = (
+            Finding.of(Reason.DRIVE_FAULT, place="remove the cause") if cause is None else axis.origins.of(cause.record)
+        )
         if fault.code == HEARTBEAT_ERROR and axis.acknowledged_in_vain:
             fault = fault._replace(evidence=_CONSUMER, remedy=(_ARM,))
         chain.breaks(Reason.DRIVE_FAULT, fault, remedy=(*fault.remedy, _acknowledge(axis)))
@@ -418,6 +432,8 @@ def _order_of(chain: _Chain, axis: Axis, reason: Reason) -> Finding:
         todo = ("configure it in [[axis.block]]", *todo[1:])
     elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and (limits := positioner.software_limits):
         more = f": {limits[0]} to {limits[1]} LU"
+    elif reason in _AT_LIMIT and axis.drive.feedback.digital_inputs & _BOTH_SWITCHES == _BOTH_SWITCHES:
+        todo = (_SWITCHES,)
     elif reason in _AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:
         stopped, free = ("positive", "negative") if executor.limit_side > 0 else ("negative", "positive")
         more = f", in {stopped} direction"
@@ -512,6 +528,9 @@ def device_warning(item: DriveObject) -> str:
             return f"warning {record.number}: {record.text}"
     if not item.outputs.warning & DEVICE_WARNING:
         return ""
+    shown = item.input.warnings if isinstance(item, EncoderObject) else 0
+    if texts := [f"6505h.{bit} = 1: {text}" for bit, text in enumerate(_ENCODER_WARNINGS) if shown >> bit & 1]:
+        return f"warning of the device: {'; '.join(texts)}"
     return f"warning of the device ({item.warning_word}) without an EMCY: see its manual"
 
 

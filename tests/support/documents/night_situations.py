@@ -17,7 +17,7 @@ from pdgw.tools.output.status_text import Health
 from tests.support.documents.device_situations import MDI, POSITIONER, right_node_id, set_node_id
 from tests.support.documents.origin_situations import find, miss
 from tests.support.documents.situations import Situation, Step, acknowledge, both, online, run_out, words
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, drive_of, switch_off, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, drive_of, encoder_of, switch_off, world_of
 
 _AGAIN = words((OFF, {}), (ON, {}))
 
@@ -233,6 +233,60 @@ def _write_from_elsewhere(plc: Plc, daemon: Daemon) -> None:
     find(plc, daemon)
 
 
+def _hang(plc: Plc, daemon: Daemon) -> None:
+    """The drive restarts, and its SDO server hangs afterwards."""
+    drive_of(daemon).node.start_fault("sdo-timeout")
+    drive_of(daemon).node.start_fault("reboot")
+    miss(plc, daemon)
+    run_out(plc, 2 * SECOND)
+
+
+def _recover(plc: Plc, daemon: Daemon) -> None:
+    """The drive is switched off and on."""
+    drive_of(daemon).node.end_fault()
+    drive_of(daemon).node.restart()
+    online(plc, daemon)
+
+
+def _swap_node_ids(plc: Plc, daemon: Daemon) -> None:
+    """A technician has plugged drive and encoder at each other's place: each has the node-ID of the other one."""
+    drive, encoder = drive_of(daemon).node, encoder_of(daemon).node
+    world_of(daemon).bus("world").join("another device")
+    for node, node_id in ((drive, encoder.node_id), (encoder, drive.node_id)):
+        node.power_off()
+        node.node_id = node_id
+    run_out(plc, SECOND)
+    drive.restart()
+    encoder.restart()
+    run_out(plc, 2 * SECOND)
+
+
+def _swap_back(plc: Plc, daemon: Daemon) -> None:
+    world = world_of(daemon).simulations["can"]
+    drive, encoder = world.device(1).node, world.device(20).node
+    drive.node_id, encoder.node_id = 1, 20
+    drive.restart()
+    encoder.restart()
+    online(plc, daemon)
+
+
+def _cut_switches(_: Plc, daemon: Daemon) -> None:
+    """The limit switches are normally closed, and have lost their common 24 V."""
+
+    def shows(model: DriveModel, _: int) -> None:
+        model.digital_inputs |= 3
+
+    drive_of(daemon).node.start_fault("limit-switch", positive=0)
+    drive_of(daemon).model.disguises.append(shows)
+
+
+def _supply_switches(plc: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).node.end_fault()
+    drive_of(daemon).model.disguises.clear()
+    drive_of(daemon).model.digital_inputs &= ~3
+    words((0x043F, {"MDI_TARPOS": 2000}), (0x047F, {}))(plc, daemon)
+
+
 _DARK = ("bus can: no device on the bus acknowledges a frame", "Check the supply of the devices, then the CAN cable")
 NIGHT_SITUATIONS: dict[str, Situation] = {
     "all drives of the bus lose their supply": Situation(
@@ -409,6 +463,33 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         lacks=("TPDO", "cable", "no valid frame"),
         health=Health.WARNING,
         cure=_AGAIN,
+    ),
+    "the drive restarts, and then answers no SDO request": Situation(
+        begin=_hang,
+        says=(
+            "Not on the bus: node 1 on bus can: node 1 restarted, and has answered no SDO request since",
+            "Check supply and plug of the device, then switch it off and on",
+        ),
+        lacks=("node-ID", "bit rate"),
+        cure=_recover,
+    ),
+    "drive and encoder were plugged at each other's place": Situation(
+        tables=axis(1) + "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n",
+        begin=_swap_node_ids,
+        says=("Not on the bus: node 1 is rejected: node 1 device type 1000h", "expected a drive (profile 402)"),
+        lacks=("power", "cable"),
+        cure=_swap_back,
+    ),
+    "telegram 111: both limit switches have lost their supply": Situation(
+        tables=POSITIONER,
+        begin=both(words((0x043F, MDI | {"MDI_TARPOS": -200_000}), (0x047F, {})), _cut_switches),
+        says=(
+            "Waits: task stopped at a limit of the drive (Statusword.11): 60FDh.0 = 60FDh.1 = 1",
+            "Both limit switches are active: check their supply, plug and cable",
+        ),
+        lacks=("is free",),
+        health=Health.WARNING,
+        cure=_supply_switches,
     ),
 }
 """What a technician finds, over both links."""
