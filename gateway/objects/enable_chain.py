@@ -193,7 +193,7 @@ class _Chain:
             case NodeStatus.OFFLINE | NodeStatus.LOST if others := network.unconfigured(
                 client.received_ns if client.status is NodeStatus.LOST else 0
             ):
-                also = f"also on this bus and not in the configuration: node {', '.join(map(str, others))}"
+                also = f"also heard on this bus and not in the configuration: node {', '.join(map(str, others))}"
                 reason, evidence, todo = offline, f"{there}: {evidence}; {also}", (_WRONG_NODE_ID,)
             case NodeStatus.OFFLINE if network.loop.now() - (client.received_ns or -SECOND) < SECOND:
                 reason, evidence, todo = offline, f"{there}: {_ONE_WAY}", SENDS_NOTHING.remedy

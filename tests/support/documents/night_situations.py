@@ -378,7 +378,7 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         begin=both(lambda _, daemon: switch_off(daemon, drive_of(daemon)), _wait(2), _change_node_id),
         says=(
             "Not on the bus: node 1 on bus can: silent",
-            "also on this bus and not in the configuration: node 2",
+            "also heard on this bus and not in the configuration: node 2",
             "compare the node-ID of the device with the configuration",
         ),
         cure=right_node_id,
