@@ -12,6 +12,7 @@ from pdgw.gateway.base.step_text import remedy_text
 if TYPE_CHECKING:  # the command line has no loop
     from pdgw.ds301.loop.loop import Loop
 
+DAY_NS: Final = 86_400 * SECOND
 EACH_NODE: Final = -1
 """``Finding.node`` of several objects that have the same finding for their own nodes."""
 _BEGINS: Final = dict.fromkeys(REFUSED_ORDERS, " (at {})") | {
@@ -27,9 +28,10 @@ def wall_time(time_ns: int, loop: Loop) -> float:
     return loop.wall() - (loop.now() - time_ns) / SECOND
 
 
-def clock(time_ns: int, loop: Loop) -> str:
-    """The time of day of a monotonic time."""
-    return f"{datetime.fromtimestamp(wall_time(time_ns, loop)):%H:%M:%S}"
+def clock(time_ns: int, loop: Loop, *, dated: bool = False) -> str:
+    """The time of day of a monotonic time; with its date if ``dated``, or when the same time of day has come again."""
+    shown = datetime.fromtimestamp(wall_time(time_ns, loop))
+    return f"{shown:%H:%M:%S on %Y-%m-%d}" if dated or loop.now() - time_ns >= DAY_NS else f"{shown:%H:%M:%S}"
 
 
 def with_count(text: str, count: int, duration_ns: int) -> str:
@@ -43,21 +45,24 @@ def evidence_text(found: Finding) -> str:
     return f"{node or ''}{found.evidence}"
 
 
-def finding_text(found: Finding, loop: Loop | None) -> str:
-    """What is found, since when, how often, and what belongs to it. Without a loop: without times, for what has its own time."""
-    when = "" if loop is None else times_text(found, loop)
+def finding_text(found: Finding, loop: Loop | None, *, dated: bool = False) -> str:
+    """What is found, since when, how often, and what belongs to it. Without a loop: without times, for what has its own time.
+
+    ``dated``: for a reader of another day.
+    """
+    when = "" if loop is None else times_text(found, loop, dated=dated)
     ended = f"; {found.ended}" if found.ended else ""
     before = f"; before: {found.before}" if found.before else ""
     return f"{evidence_text(found)}{when}{found.more}{ended}{before}"
 
 
-def times_text(found: Finding, loop: Loop) -> str:
-    """Since when, and how often."""
+def times_text(found: Finding, loop: Loop, *, dated: bool = False) -> str:
+    """Since when, and how often. ``dated``: for a reader of another day."""
     if not found.since_ns:
         return ""
-    begin = clock(found.since_ns, loop)
+    begin = clock(found.since_ns, loop, dated=dated)
     if found.until_ns:
-        return f" from {begin} to {clock(found.until_ns, loop)}"
+        return f" from {begin} to {clock(found.until_ns, loop, dated=dated)}"
     times = f" ({found.times} times)" if found.times > 1 else ""
     return _BEGINS.get(found.reason, ", since {}").format(begin) + times
 

@@ -91,11 +91,11 @@ class Origins:
         self.present = self.present._replace(ended=ended or "an earlier one has left no word", before=before)
 
     def last(self, loop: Loop) -> str:
-        """What began the last stop, as text; empty if only the gateway itself did."""
+        """What began the last stop, as text for the next gateway; empty if only the gateway itself did."""
         origin = self.severe or self.present
         if origin is None or (origin.by is By.GATEWAY and not origin.number) or origin.before:
             return self._recalled
-        return finding_text(origin, loop)
+        return finding_text(origin, loop, dated=True)
 
     def of(self, record: FaultRecord) -> Finding:
         """That of a fault; of an older one with what the last gateway has kept."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.base.durations import SECOND
 from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.base.finding_text import DAY_NS
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, Finding
 from pdgw.gateway.objects.origins import of_fault
 
-DAY_NS: Final = 86_400 * SECOND
 FLAPS: Final = 5
 """A fault that came so often in a day is one line among the happenings, with its number."""
 _KINDS: Final = 64

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import itertools
 import re
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ from pdgw.gateway.base.reasons import AxisState, By, FaultNumber, Finding, Reaso
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_status import EnableStatus
-from pdgw.gateway.objects.origins import PROOF_NS, Origins
+from pdgw.gateway.objects.origins import PROOF_NS, Origins, since
 from pdgw.gateway.service.last_words import LastWords, kept_last_words
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive.model.model import DriveModel
@@ -233,6 +234,19 @@ def test_an_older_fault_is_named_with_what_the_last_gateway_has_kept() -> None:
         plc.until(lambda: daemon.axes[0].faults, "the fault")
         assert status_of(daemon).text == f"Fault: over-current (older than the connection); before: {kept['1']}"
         assert daemon.origins() == kept, "the next gateway has this too"
+
+
+def test_time_of_an_origin_has_its_date_a_day_later_and_for_the_next_gateway() -> None:
+    loop, origins = VirtualLoop(), Origins(0)
+    origins.enter(gateway_fault(FaultNumber.NODE_LOST, "silent", loop.now()))
+    assert origins.present is not None
+    now = datetime.fromtimestamp(loop.wall())
+    for later in (0, 23):
+        loop.run_for(later * 3600 * SECOND)
+        assert since(origins.present, loop).endswith(f", since {now:%H:%M:%S}")
+        assert origins.last(loop).endswith(f", since {now:%H:%M:%S on %Y-%m-%d}")
+    loop.run_for(3600 * SECOND)
+    assert since(origins.present, loop) == origins.last(loop)
 
 
 def test_origins_are_kept_with_the_last_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pdgw.base.durations import SECOND
 from pdgw.gateway.axis.values import FaultRecord, gateway_fault
+from pdgw.gateway.base.finding_text import DAY_NS
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.daemon.daemon import Daemon
-from pdgw.gateway.objects.totals import DAY_NS, FLAPS, Totals
+from pdgw.gateway.objects.totals import FLAPS, Totals
 from pdgw.gateway.service.status import explanation, snapshot
 from pdgw.tools.output.status_text import status_lines
 from tests.support.documents.origin_situations import lose
