@@ -62,7 +62,7 @@ format: $(STAMP)
 REPORTS := build/conformance
 conformance: $(STAMP)
 	PDGW_CONFORMANCE=1 $(BIN)/pytest $(TOGETHER) tests/conformance \
-		tests/gateway/test_data_sheets.py tests/gateway/test_outage.py tests/gateway/test_orders.py tests/gateway/objects/test_happenings.py \
+		tests/gateway/test_data_sheets.py tests/gateway/test_outage.py tests/gateway/test_orders.py tests/gateway/objects/test_happenings.py tests/gateway/objects/test_standing.py \
 		tests/tools/test_plc_compilers.py --junitxml $(REPORTS).xml \
 		--html $(REPORTS).html --self-contained-html
 

@@ -209,14 +209,6 @@ def test_command_prints_the_lines_and_writes_the_support_file(
 
 _ATTEMPTS = 4
 """Several attempts to bring a node up, at different times within one."""
-_LATER_NS = 600 * SECOND if COMPLETE else 20 * SECOND
-_END = {
-    "safe torque off: the drive does not follow ON",
-    "the drive waits in Switched On until its brake is open",
-    "the drive waits at standstill until its brake is closed",
-    "telegram 111: an absolute task after the drive has lost its home position",
-}
-"""Situations that end by themselves, or become another one (ON is used up)."""
 _ASKED = 5
 """Calls of ``--check`` that have the same result."""
 _OF_THE_PLC = {title: situation for title, situation in SITUATIONS.items() if "PLC" in title}
@@ -245,14 +237,6 @@ def test_first_line_names_the_cause_and_its_remedy_cures_it(link: str, title: st
             run_out(plc)
         situation.cure(plc, daemon)
         plc.until(lambda: item.enable_status.state is AxisState.OBEYS, item.enable_status.sentence)
-
-
-@pytest.mark.parametrize("title", sorted(BY_LINK["udp"].keys() - _END))
-def test_first_line_is_true_later(title: str) -> None:
-    situation = BY_LINK["udp"][title]
-    with at_situation(situation, "udp") as (daemon, plc):
-        run_out(plc, _LATER_NS)
-        judge(situation, daemon)
 
 
 def judge(situation: Situation, daemon: Daemon) -> None:

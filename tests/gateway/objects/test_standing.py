@@ -2,17 +2,129 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import pytest
 
 from pdgw.base.durations import SECOND
+from pdgw.ds301.aborts import CanopenError
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.service.status import snapshot
+from pdgw.tools.output.status_text import cause_sentence
+from tests.conformance.rig import COMPLETE
+from tests.gateway.objects.test_happenings import judge
 from tests.support.documents.night_situations import NIGHT_SITUATIONS
+from tests.support.documents.situation_table import BY_LINK
 from tests.support.documents.situations import SLOW_PLC, at_situation, run_out
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
-from tests.support.gateways.restart import KILLED, restarted
+from tests.support.gateways.restart import COMMANDED, KILLED, restarted
 
+_LATER_NS = 3600 * SECOND if COMPLETE else 20 * SECOND
+_SLOWER_PLC = "cycle_time_ms = 100\nwatchdog_factor = 3"
+"""For an hour: the same watchdog time, with a fifth of the cycles."""
+_END = {
+    "safe torque off: the drive does not follow ON",
+    "the drive waits in Switched On until its brake is open",
+    "the drive waits at standstill until its brake is closed",
+    "telegram 111: an absolute task after the drive has lost its home position",
+}
+"""Situations that end by themselves, or become another one (ON is used up)."""
 _STARTED_NS = 5 * SECOND
 """By then the next gateway knows each device, or has missed it."""
+_IGNORED = "Waits: ON ignored: the gateway has started, since "
+_SILENT = ("Not on the bus: node ", "no answer from node ", "check power, CAN cable")
+_NO_PLC = ("Waits: no valid frame from the PLC yet", "bring the PLC to RUN")
+_OLDER = ("Fault: over-current (older than the connection); before: EMCY 2310h over-current, since ", "short circuit")
+_OVER = ("In operation",)
+_OFF = ("Off: the PLC has switched the drive off",)
+_AFTER_A_RESTART: dict[str, tuple[str, ...]] = {
+    "three drives lose their power at one moment": ("3 of 3 nodes on bus can have not answered since the start",),
+    "the CAN cable is broken in front of two of three drives": ("2 of 3 nodes on bus can have not answered since",),
+    "the drive reports a fault": _OLDER,
+    "the drive reports a fault, then the PLC stops": _OLDER,
+    "the PLC acknowledges while the cause is there": (*_OLDER, "needs an edge"),
+    "the drive sends its EMCY with another COB-ID (1014h)": _OLDER,
+    "the drive sends an EMCY of three bytes": _OLDER,
+    "the drive sends heartbeats of two bytes, and has a fault": _OLDER,
+    "the PLC's cable is off": _NO_PLC,
+    "another sender's frames come, then the PLC is silent": _NO_PLC,
+    "the supply of the power stage is cut, then the PLC is silent": _NO_PLC,
+    "the drive has another node-ID than the configuration": _SILENT,
+    "a technician sets another node-ID while the drive is lost": _SILENT,
+    "the encoder has no power": _SILENT,
+    "the drive restarts, and then answers no SDO request": _SILENT,
+    "the encoder had no power for a moment, twice": _OVER,
+    "the encoder had no power, and the PLC acknowledges its fault alone": _OVER,
+    "the PLC acknowledges an encoder and does not end it": _OVER,
+    "the PLC acknowledges the sensor of an encoder, and not its fault": _OVER,
+    "the PLC acknowledges an encoder while the cause is there": ("Fault: sensor error 0001h", "remove the cause"),
+    "the PLC acknowledges the fault of an encoder while the cause is there": ("Fault: the encoder is in fault",),
+    'STW1.10 falls in operation, with control_lost = "hold"': ("Waits: STW1.10 = 0", "must set STW1.10 = 1"),
+    "the drive waits at standstill until its brake is closed": _OFF,
+    "the drive enables itself during OFF": _OFF,
+    "the drive ignores OFF3, and the gateway stops its node": ("keeps the drive off: STW1.2 = 0 (OFF3)",),
+    "all PDOs of the drive end in operation, and its heartbeats arrive": ("none of TPDO1, TPDO2",),
+    "a short circuit of the bus, and the interface does not restart": (
+        "bus can: the interface sends no frame and reports no error",
+        "if it is bus-off since before the start",
+    ),
+    "the CAN adapter takes frames and sends none when ON comes": (
+        "its frames arrive, and it answers no SDO request",
+        "unplug the CAN adapter",
+    ),
+    "after a short circuit of the bus the heartbeat consumer of the drive stays in error": (
+        "Fault: CANopen (older than the connection); before: CAN bus lost",
+    ),
+}
+"""Words of the first line where it is neither that of before nor that of an ignored ON. What is over is not named."""
+_STARTS_NOT = "the CAN adapter is unplugged"
+_TIME = re.compile(r"\d\d:\d\d:\d\d")
+_TIME_LENGTH = len("22:13:20")
+
+
+def line_of(daemon: Daemon) -> str:
+    """The first line: of the first cause, else of the first drive object."""
+    document = snapshot(daemon)
+    item = (*document["axes"], *document["encoders"])[0]
+    return cause_sentence(document["causes"][0]) if document["causes"] else str(item["sentence"])
+
+
+@pytest.mark.parametrize("title", sorted(BY_LINK["udp"].keys() - _END))
+def test_first_line_is_true_later(title: str) -> None:
+    situation = BY_LINK["udp"][title]
+    if COMPLETE and situation.transport == SLOW_PLC:
+        situation = replace(situation, transport=_SLOWER_PLC)
+    with at_situation(situation, "udp") as (daemon, plc):
+        run_out(plc, _LATER_NS)
+        judge(situation, daemon)
+
+
+@pytest.mark.parametrize("title", sorted(BY_LINK["udp"].keys() - {_STARTS_NOT}))
+def test_first_line_is_true_after_a_restart(title: str) -> None:
+    """It names what stands again, and of what was before, the time is that of then."""
+    situation = BY_LINK["udp"][title]
+    with at_situation(situation) as (daemon, plc):
+        before = line_of(daemon)
+        with restarted(plc, daemon) as following:
+            kept = [item.origins.last(following.loop) for item in following.objects]
+            run_out(plc, _STARTED_NS)
+            line = line_of(following)
+            if title in _AFTER_A_RESTART:
+                assert [text for text in _AFTER_A_RESTART[title] if text.lower() not in line.lower()] == [], line
+            elif _IGNORED in line:
+                assert COMMANDED in line
+                assert all(text in line for text in kept), line
+            else:
+                judge(situation, following)
+            times = _TIME.findall(line.partition(_IGNORED)[2][_TIME_LENGTH:] or line)
+            assert set(times) <= {*_TIME.findall(" ".join((before, COMMANDED, *kept)))}, "nothing else has begun"
+
+
+def test_gateway_does_not_start_without_its_interface() -> None:
+    refused = pytest.raises(CanopenError, match="one that is plugged in")
+    with at_situation(BY_LINK["udp"][_STARTS_NOT]) as (daemon, plc), refused, restarted(plc, daemon):
+        pass
 
 
 @pytest.mark.parametrize("kept", ["", "CAN bus lost, since 04:11:02"])
