@@ -144,7 +144,7 @@ PLC_SITUATIONS: dict[str, PlcSituation] = {
     ),
     "another sender's frames come, then the PLC is silent": PlcSituation(
         begin=both(_laptop, lambda plc, _: setattr(plc, "silent", True)),
-        says=("PLC lost: no valid frame for 15 cycles, since ", "check the cable"),
+        says=("PLC lost: no valid frame for ", " cycles, since ", "check the cable"),
         lacks=("laptop", "do not count"),
         cure=good,
     ),
