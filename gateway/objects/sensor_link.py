@@ -7,7 +7,6 @@ axis: references and freshness for the axis machine, presets for the encoder.
 
 from __future__ import annotations
 
-import logging
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -21,8 +20,6 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import News, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.gateway.objects.drive_object import log
 from pdgw.gateway.objects.encoder import EncoderObject
-
-_log = logging.getLogger("gateway")
 
 _POLL_NS: Final = 20 * MS
 _FUNCTION_BYTES = 2
@@ -80,7 +77,7 @@ class ProbeReader:
             self._news.append(ProbeAnswer(wish, {}, abort_text(error.code), error.code not in NOT_THERE))
         else:
             # No answer, or one that canopen unpacks without checks: it must not end the exchange.
-            _log.warning("touch probe of node %d: %r", self._drive.settings.node_id, error)
+            log.warning("touch probe of node %d: %r", self._drive.settings.node_id, error)
             self._news.append(ProbeAnswer(wish, {}, str(error)))
 
 
