@@ -360,6 +360,11 @@ def register(own: Telegram) -> None:
         raise ProfidriveError("telegram", f"{own.number} with two layouts", "a number for each layout")
 
 
+def forget(number: int) -> None:
+    """Remove a user's own telegram from this process."""
+    del _CATALOGUE[number]
+
+
 def likeliest(numbers: Iterable[int]) -> int:
     """Select a telegram if only the length is known: best-known layout first, then lowest number."""
     return min(numbers, key=lambda number: (TELEGRAMS[number].confidence, number))

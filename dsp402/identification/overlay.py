@@ -314,11 +314,21 @@ def add_family(file: str | PathLike[str]) -> Overlay:
     known = overlays().get(own.name)
     if known is None:
         _added[own.name] = own
-        for found in (overlays, all_families, families_of):
-            found.cache_clear()
+        _forget_found()
     elif known != own:
         raise Dsp402Error("drive family", str(path), f"another file name: there is a family {own.name} already")
     return own
+
+
+def remove_family(name: str) -> None:
+    """Make a user's own family of drives unknown to this process."""
+    del _added[name]
+    _forget_found()
+
+
+def _forget_found() -> None:
+    for found in (overlays, all_families, families_of):
+        found.cache_clear()
 
 
 @cache

@@ -24,6 +24,7 @@ from pdgw.profidrive.telegrams import (
     Direction,
     Telegram,
     TelegramHalf,
+    forget,
     own_telegram,
     register,
     telegram,
@@ -158,6 +159,12 @@ def add_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequ
     register(own)
     DRIVE_TELEGRAMS[number] = DRIVE_TELEGRAMS[like]
     return own
+
+
+def remove_telegram(number: int) -> None:
+    """Make a user's own telegram unknown to this process."""
+    del DRIVE_TELEGRAMS[number]
+    forget(number)
 
 
 def _check_half(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
@@ -13,11 +14,14 @@ from typing import Final, TypeVar
 from pydantic import ValidationError
 
 from pdgw.base.validation import Problem, problems
+from pdgw.dsp402.identification.overlay import all_families, remove_family
 from pdgw.gateway.axis.telegrams import (
+    DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     SECOND_SENSOR_NUMBERS,
     SPEED_TELEGRAM_NUMBERS,
+    remove_telegram,
 )
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.axis_config import AxisConfig
@@ -150,7 +154,12 @@ _COMMUNITY = re.compile(r"^snmp_\w*community\s*=.*\n", re.MULTILINE)
 
 def load_config(file: str | PathLike[str]) -> GatewayConfig:
     """Read and validate a file; GatewayError has one line for each thing that is wrong."""
-    path = Path(file)
+    with _nothing_stays_of_a_rejected_file():
+        return _loaded(Path(file))
+
+
+def _loaded(path: Path) -> GatewayConfig:
+    """The file of a path, whose data sheets exist."""
     text = read_text(path)
     config = parse_config(text, str(path), path.parent)
     axes = tuple(_resolved(axis, path) for axis in config.axis)
@@ -186,7 +195,22 @@ def _files_resolved(section: FileSection, path: Path) -> FileSection:
 
 def parse_config(text: str, name: str = "configuration", folder: Path = Path()) -> GatewayConfig:
     """Validate configuration text; see ``load_config``. Drive families with a relative path are in ``folder``."""
-    return parse_toml(GatewayConfig, text, name, HINTS, folder)
+    with _nothing_stays_of_a_rejected_file():
+        return parse_toml(GatewayConfig, text, name, HINTS, folder)
+
+
+@contextmanager
+def _nothing_stays_of_a_rejected_file() -> Iterator[None]:
+    """A rejected configuration leaves no telegram or drive family of its own in the process: the corrected one may differ."""
+    telegrams, families = {*DRIVE_TELEGRAM_NUMBERS}, {*all_families()}
+    try:
+        yield
+    except GatewayError:
+        for number in {*DRIVE_TELEGRAM_NUMBERS} - telegrams:
+            remove_telegram(number)
+        for family in {*all_families()} - families:
+            remove_family(family)
+        raise
 
 
 def config_text(config: GatewayConfig) -> str:

@@ -332,6 +332,18 @@ def test_a_family_that_cannot_be_added_is_refused(own: Path) -> None:
         pdgw.add_family(wrong)
 
 
+def test_rejected_configuration_leaves_no_family_in_the_process(own: Path, tmp_path: Path) -> None:
+    path = tmp_path / "gateway.toml"
+    path.write_text(CONFIG + 'eds = "none.eds"\n')
+    with pytest.raises(GatewayError, match="not a file"):
+        load_config(path)
+    assert "mine" not in families.overlays()
+    own.write_text(OWN.replace("Mine", "Corrected"))
+    path.write_text(CONFIG)
+    assert load_config(path) == load_config(path)
+    assert families.overlay("mine").title == "Corrected"
+
+
 def test_the_configuration_names_the_file_of_a_family(own: Path, tmp_path: Path) -> None:
     path = tmp_path / "gateway.toml"
     path.write_text(CONFIG)

@@ -244,6 +244,22 @@ def test_own_telegram_number_has_only_one_layout() -> None:
         add_telegram(1001, 2, ["STW1", "NSOLL_B"], ["ZSW1", "NIST_B"])
 
 
+def test_a_configuration_that_is_read_twice_is_the_same() -> None:
+    first, second = parse_config(file(1001, OWN)), parse_config(file(1001, OWN))
+    assert first == second
+    assert config_text(first) == config_text(second)
+
+
+def test_rejected_configuration_leaves_no_telegram_in_the_process() -> None:
+    with pytest.raises(GatewayError, match="cycle_time_ms"):
+        parse_config(file(1001, OWN) + "[transport]\ncycle_time_ms = 0\n")
+    assert 1001 not in telegrams.DRIVE_TELEGRAM_NUMBERS
+    assert 1001 not in catalogue.TELEGRAMS
+    corrected = OWN.replace('"USER", ', "")
+    assert parse_config(file(1001, corrected)).axis[0].telegram == 1001
+    assert "USER" not in catalogue.telegram(1001).setpoints.names
+
+
 def test_error_names_the_table_of_the_own_telegram() -> None:
     with pytest.raises(GatewayError, match=r":2: \[\[telegram\]\].*actuals: MELDW missing"):
         parse_config(file(1001, OWN.replace('"MELDW"', '"XIST_A"')))
