@@ -1,6 +1,6 @@
 """Kinds of encoders, the bits of their registers, and the error root of this package.
 
-Source: CiA DSP 406 V2.0 chapters 7.4 (device type), 8.1.1 (6000h), 8.3.1 (6400h), 8.4.1 (6500h), 8.4.2 (resolution), 8.4.4
+Source: CiA DSP 406 V2.0 chapters 7.4 (device type), 8.1.1 (6000h), 8.4.1 (6500h), 8.4.2 (resolution), 8.4.4
 (6503h), 8.4.6 (6505h), 8.4.11 (position limits). Resolutions and lengths are those of the simulated devices.
 """
 
@@ -45,15 +45,6 @@ class Warnings(enum.IntFlag):
     OPERATING_TIME = 1 << 3
     BATTERY_CHARGE = 1 << 4
     REFERENCE_POINT = 1 << 5
-
-
-class AreaState(enum.IntFlag):
-    """Area state register 6400h of a channel."""
-
-    OUT_OF_RANGE = 1 << 0
-    """Beyond the manufacturer's minimum or maximum position (650Ah)."""
-    OVERFLOW = 1 << 1
-    UNDERFLOW = 1 << 2
 
 
 ENCODER_PROFILE = 406

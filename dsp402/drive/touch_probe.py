@@ -13,10 +13,10 @@ FUNCTION: Final = 0x60B8
 STATUS: Final = 0x60B9
 POSITIONS: Final = (0x60BA, 0x60BB, 0x60BC, 0x60BD)
 """Probe 1 rising and falling, probe 2 rising and falling: edges 0 to 3."""
-EDGES: Final = len(POSITIONS)
 _PROBE_2 = 8
 _ENABLE = 1 << 0
-_ZERO_PULSE = 1 << 2
+ZERO_PULSE: Final = 1 << 2
+"""60B8h: the zero pulse of the encoder in the place of probe 1."""
 _RISING = 1 << 4
 _STORED = 1 << 1
 
@@ -28,21 +28,10 @@ def enable_bits(edge: int) -> int:
 
 def function(edges: Iterable[int], *, zero_pulse: bool = False) -> int:
     """60B8h for several edges; ``zero_pulse``: of the encoder, instead of probe 1."""
-    value = _ZERO_PULSE if zero_pulse else 0
+    value = ZERO_PULSE if zero_pulse else 0
     for edge in edges:
         value |= enable_bits(edge)
     return value
-
-
-def waits_for(value: int, edge: int) -> bool:
-    """Whether 60B8h asks for an edge."""
-    bits = enable_bits(edge)
-    return value & bits == bits
-
-
-def at_zero_pulse(value: int) -> bool:
-    """Whether 60B8h takes the zero pulse for probe 1."""
-    return value & _ZERO_PULSE != 0
 
 
 def enabled_bits(value: int) -> int:

@@ -11,7 +11,14 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from pdgw.dsp406.kinds import AreaState
+
+class AreaState(enum.IntFlag):
+    """Area state register 6400h of a channel."""
+
+    OUT_OF_RANGE = 1 << 0
+    """Beyond the manufacturer's minimum or maximum position (650Ah)."""
+    OVERFLOW = 1 << 1
+    UNDERFLOW = 1 << 2
 
 
 def names(value: enum.IntFlag) -> str:

@@ -19,7 +19,6 @@ from pdgw.dsp406.kinds import (
     OPERATING_RESERVED,
     ROTARY,
     Alarm,
-    AreaState,
     Dsp406Error,
     EncoderDevice,
     EncoderType,
@@ -28,7 +27,7 @@ from pdgw.dsp406.kinds import (
     multi_sensor,
 )
 from pdgw.dsp406.objects import PROFILE, Category, EncoderClass, encoder_catalogue
-from pdgw.peers.encoder.outputs import Chain, area_state, cam_active, cam_state, chain, speed_value
+from pdgw.peers.encoder.outputs import AreaState, Chain, area_state, cam_active, cam_state, chain, speed_value
 
 ALL = tuple(DEVICES.values())
 CHANNELS = multi_sensor(3)

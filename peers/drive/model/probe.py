@@ -28,11 +28,11 @@ class TouchProbe:
         drive = self._drive
         function = drive.touch_probe_function
         kept = 0
-        for edge in range(touch_probe.EDGES):
-            if touch_probe.waits_for(function, edge) and touch_probe.waits_for(self._armed, edge):
+        for edge in range(len(touch_probe.POSITIONS)):
+            if _waits_for(function, edge) and _waits_for(self._armed, edge):
                 kept |= drive.touch_probe_status & touch_probe.stored_bit(edge)
         self._armed = function
-        self._at_zero_pulse = touch_probe.at_zero_pulse(function)
+        self._at_zero_pulse = function & touch_probe.ZERO_PULSE != 0
         drive.touch_probe_status = touch_probe.enabled_bits(function) | kept
 
     def set_input(self, probe: int, on: bool) -> None:
@@ -57,6 +57,12 @@ class TouchProbe:
     def _latch(self, edge: int, position: float) -> None:
         drive = self._drive
         stored = touch_probe.stored_bit(edge)
-        if touch_probe.waits_for(self._armed, edge) and not drive.touch_probe_status & stored:
+        if _waits_for(self._armed, edge) and not drive.touch_probe_status & stored:
             drive.touch_probe_status |= stored
             setattr(drive, POSITIONS[edge], round(position))
+
+
+def _waits_for(function: int, edge: int) -> bool:
+    """Whether 60B8h asks for an edge (0 to 3)."""
+    bits = touch_probe.enable_bits(edge)
+    return function & bits == bits

@@ -17,7 +17,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, with_objects
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
 from pdgw.dsp406.faults import ENCODER_EMCY
-from pdgw.dsp406.kinds import Alarm, AreaState, EncoderType, Operating, Warnings
+from pdgw.dsp406.kinds import Alarm, EncoderType, Operating, Warnings
 from pdgw.dsp406.objects import PROFILE, ProfileObject
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.orders import LEAVE_TEXTS, LINE_TEXTS, ORDERS
@@ -33,6 +33,7 @@ from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.peers.drive.model.shapes import SHAPES
 from pdgw.peers.drive.objects import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS, OBJECTS
+from pdgw.peers.encoder.outputs import AreaState
 from pdgw.profidrive.datatypes import UNVERIFIED, DataType
 from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SENSOR_STATUS, TRANSITIONS
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
