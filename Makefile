@@ -115,6 +115,7 @@ docs: $(STAMP)
 site: $(STAMP)
 	$(INSTALL) -e '.[site]'
 	$(BIN)/mkdocs build --strict
+	@echo "with its search: $(BIN)/python -m http.server --directory build/site"
 
 compiled: $(STAMP)
 	rm -rf build/lib* build/bdist* build/temp* build/mypyc build/c build/wheel $(BUILD)

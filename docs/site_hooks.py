@@ -1,6 +1,7 @@
 """What the web site has beside ``docs/``: the README as its first page, changelog, contributing, examples, and the API reference.
 
-Hooks of mkdocs (``make site``). Pages that only list what stands elsewhere are generated, so that nothing is written twice.
+Hooks of mkdocs (``make site``). Pages that only list what is elsewhere are generated, so that nothing is written twice.
+Each table of ``docs/tables.md`` is a page.
 """
 
 from __future__ import annotations
@@ -23,12 +24,23 @@ _FOLDERS = {"docs/examples": "python", "tools/scenarios": "yaml", "docs/measured
 _BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md")
 """Documents of the repository outside ``docs/``."""
 _RENAMED = {"README.md": "index.md", "LICENSE": "LICENSE.md"}
+_TABLES = "tables.md"
+_TABLE_LINE = f"For engineers who search for one row of this table, one of the [reference tables]({_TABLES})."
+_DIAGRAM = re.compile(r"^```mermaid\n.*?^```\n", re.MULTILINE | re.DOTALL)
+"""Source of a diagram of what the table before it says; no script of another host draws it."""
+_API_IN_SEARCH = "---\nsearch: {boost: 0.01}\n---\n\n"
+"""A search finds the documents before the names of the library."""
 _LINK = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^):#\s]+)(?P<rest>(?:#[^)\s]*)?)\)")
 
 
 def _front_door() -> str:
     """Each name of ``import pdgw`` with its documentation."""
-    lines = ["# Front door", "", "`import pdgw` has these names; each is loaded when it is first used.", ""]
+    lines = [
+        f"{_API_IN_SEARCH}# Front door",
+        "",
+        "`import pdgw` has these names; each is loaded when it is first used.",
+        "",
+    ]
     for name in pdgw.__all__:
         if name != "__version__":
             thing = getattr(pdgw, name)
@@ -40,7 +52,7 @@ def _front_door() -> str:
 
 def _room(room: str) -> str:
     options = "    options: {show_submodules: true, show_root_heading: false, show_root_toc_entry: false}"
-    return f"# pdgw.{room}\n\n::: pdgw.{room}\n{options}\n"
+    return f"{_API_IN_SEARCH}# pdgw.{room}\n\n::: pdgw.{room}\n{options}\n"
 
 
 def _folder(folder: str, language: str) -> str:
@@ -50,6 +62,26 @@ def _folder(folder: str, language: str) -> str:
     return "\n".join(lines)
 
 
+def _slug(title: str) -> str:
+    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", title.lower()).strip())
+
+
+def _tables() -> tuple[str, dict[str, str]]:
+    """The introduction of the tables, and the text of each by its title."""
+    introduction, *parts = re.split(r"^## ", (_ROOT / "docs" / _TABLES).read_text(), flags=re.MULTILINE)
+    return introduction, {title: text for title, _, text in (part.partition("\n") for part in parts)}
+
+
+def _table_place(anchor: str) -> str:
+    """The page of a heading of the tables, with the heading where it is not the page's own."""
+    for title, text in _tables()[1].items():
+        if _slug(title) == anchor:
+            return f"tables/{anchor}.md"
+        if anchor in map(_slug, re.findall(r"^### (.*)$", text, re.MULTILINE)):
+            return f"tables/{_slug(title)}.md#{anchor}"
+    return _TABLES
+
+
 def _generated() -> Iterator[tuple[str, str]]:
     yield "index.md", (_ROOT / "README.md").read_text()
     for name in _BESIDE:
@@ -57,13 +89,30 @@ def _generated() -> Iterator[tuple[str, str]]:
     yield "LICENSE.md", f"# License\n\n```\n{(_ROOT / 'LICENSE').read_text()}```\n"
     for folder, language in _FOLDERS.items():
         yield f"{folder.removeprefix('docs/')}.md", _folder(folder, language)
+    introduction, tables = _tables()
+    yield _TABLES, introduction + "\n".join(f"* [{title}](tables.md#{_slug(title)})" for title in tables) + "\n"
+    for title, text in tables.items():
+        shown = re.sub(r"^###", "##", _DIAGRAM.sub("", text), flags=re.MULTILINE)
+        yield f"tables/{_slug(title)}.md", f"# {title}\n\n{_TABLE_LINE}\n{shown}"
     yield "api.md", _front_door()
     for room in _ROOMS:
         yield f"api/{room}.md", _room(room)
 
 
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """The pages of the tables are in the navigation after their list."""
+    pages = [_TABLES, *(f"tables/{_slug(title)}.md" for title in _tables()[1])]
+    for section in filter(lambda item: isinstance(item, dict), config.nav or []):
+        for items in section.values():
+            if _TABLES in items:
+                items[items.index(_TABLES)] = {"Tables": pages}
+    return config
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     for uri, text in _generated():
+        if found := files.get_file_from_path(uri):
+            files.remove(found)
         files.append(File.generated(config, uri, content=text))
     return files
 
@@ -72,6 +121,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Links into the repository become links of the site, whose root is ``docs/``; those to what it does not have, their text."""
     here = page.file.src_uri
     folder = Path() if here in ("index.md", *_BESIDE) else Path("docs") / Path(here).parent
+    if folder == Path("docs/tables"):
+        folder = Path("docs")
 
     def moved(link: re.Match[str]) -> str:
         target = (_ROOT / folder / link["target"]).resolve().relative_to(_ROOT).as_posix()
@@ -81,6 +132,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         target = _RENAMED.get(target, target.removeprefix("docs/"))
         if files.get_file_from_path(target) is None:
             return link["text"]
+        if target == _TABLES and link["rest"]:
+            return f"[{link['text']}]({'../' * here.count('/')}{_table_place(link['rest'].removeprefix('#'))})"
         return f"[{link['text']}]({'../' * here.count('/')}{target}{link['rest']})"
 
     return _LINK.sub(moved, markdown)

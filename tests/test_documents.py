@@ -24,6 +24,7 @@ from tests.support.axis.rig import NODE
 from tests.support.cli import pdgw
 from tests.support.documents import deviations
 from tests.support.documents.parts import read_part
+from tests.support.documents.sources import ROOMS
 from tests.support.gateways.daemon import axis, configuration
 from tests.support.gateways.recorded_daemon import recorded, recording
 from tests.support.readers import captures
@@ -79,6 +80,19 @@ def test_every_command_exists_with_its_options(document: str, text: str) -> None
     for word in rest:
         if re.match(r"--?[a-z]", word):
             assert word.partition("=")[0] in known, f"{document}: {text}: {word}"
+
+
+@pytest.mark.parametrize("path", DOCUMENTS[1:], ids=lambda path: path.name)
+def test_every_document_says_first_who_reads_it_when(path: Path) -> None:
+    """A tutorial in its title."""
+    title, _, first, *_ = path.read_text("utf-8").splitlines()
+    assert (title.removeprefix("# ") if path.parent.name == "tutorials" else first).startswith("For ")
+
+
+def test_site_has_every_document_and_every_package_in_its_navigation() -> None:
+    navigation = set(re.findall(r"^ +- (\S+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE))
+    documents = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
+    assert documents | {f"api/{room}.md" for room in ROOMS if room != "pdgw"} <= navigation
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)

@@ -92,7 +92,7 @@ def make(known: Catalogue, name: str, values: Mapping[str, object]) -> Behaviour
     if kind is None:
         nearest = get_close_matches(name, known, 6, 0.5)
         raise CanopenError(
-            "fault", name, f"one of {', '.join(nearest or known)}{', see docs/simulation.md' * bool(nearest)}"
+            "fault", name, f"one of {', '.join(nearest or known)}{', see docs/habits.md' * bool(nearest)}"
         )
     allowed = kind.habit.parameters
     chosen: dict[str, object] = {key: item.default for key, item in allowed.items()}

@@ -1,7 +1,7 @@
 """Simulated devices of ``pdgw sim bus``: from a file, with their faults, or from a gateway's configuration.
 
 The file is TOML, validated by pydantic with the messages of the gateway's own configuration; ``example()`` is itself valid. The
-faults and their parameters: docs/simulation.md. In a gateway's configuration, ``simulate = true`` in [[axis]] and [[encoder]]
+faults and their parameters: docs/habits.md. In a gateway's configuration, ``simulate = true`` in [[axis]] and [[encoder]]
 selects the devices. The gateway itself does not use them: the program that starts it also starts them, in a separate process or
 in a world."""
 

@@ -32,7 +32,7 @@ _GUIDES: Final[Mapping[str, str]] = {
 _INTRODUCTION: Final = """\
 # Commands
 
-Generated from the commands by `make docs`; do not edit.
+For users of a terminal. Generated from the commands by `make docs`; do not edit.
 
 `pdgw COMMAND --help` (or `-h`) describes the options of a command. `pdgw --install-completion` adds completion to
 your shell. Examples:

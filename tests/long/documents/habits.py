@@ -1,4 +1,4 @@
-"""The table of habits in docs/simulation.md."""
+"""The table of habits in docs/habits.md."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pdgw.peers.habits import HABITS, Habit
 from tests.conformance.fault_cases import CASES, Case, Device
 from tests.support.documents.parts import table
 
-PLACE: Final = ("simulation.md", "habits")
+PLACE: Final = ("habits.md", "habits")
 _TITLES: Final = {"node": "Habits of any device", "drive": "Habits of drives", "encoder": "Habits of encoders"}
 
 
@@ -22,7 +22,7 @@ def _tables() -> Iterator[str]:
     header = ("name", "what the device does", "parameters", "legal", "source", "what the gateway does")
     for device, title in _TITLES.items():
         rows = (_row(habit) for habit in HABITS.values() if habit.device == device)
-        yield f"### {title}\n\n" + table(header, rows)
+        yield f"## {title}\n\n" + table(header, rows)
 
 
 def _row(habit: Habit) -> tuple[str, ...]:

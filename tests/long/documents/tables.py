@@ -1,6 +1,6 @@
 """Documents generated from the declarations: tables, habits of devices, power table, words of the PLC simulator.
 
-``python -m tools.doctables`` (``make docs``) writes the files. A test fails when one is out of date.
+``python -m tests.long.documents.tables`` (``make docs``) writes the files. A test fails when one is out of date.
 """
 
 from __future__ import annotations
@@ -96,7 +96,15 @@ def _bits(signal: Signal) -> str:
     for bit in signal.bits:
         other = positioning.get(bit.position)
         span = f"{bit.position}-{bit.position + bit.width - 1}" if bit.width > 1 else f"{bit.position}"
-        rows.append((span, bit.name, _meaning(bit), other.name if other else "", _meaning(other) if other else ""))
+        rows.append(
+            (
+                span if " " in signal.name else f"{signal.name}.{span}",
+                bit.name,
+                _meaning(bit),
+                other.name if other else "",
+                _meaning(other) if other else "",
+            )
+        )
     if positioning:
         return table(("bit", "name", "meaning of 1", "positioning", "meaning of 1 in positioning"), rows)
     return table(("bit", "name", "meaning of 1"), (row[:3] for row in rows))
@@ -181,7 +189,7 @@ def generate() -> str:
     """Generate the document of the tables."""
     out = [
         "# Reference tables\n",
-        "Generated from the declarations by `make docs`; do not edit.\n",
+        "For engineers who know what they search for. Generated from the declarations by `make docs`; do not edit.\n",
         "## Telegrams\n",
         table(
             ("telegram", "mode", "class", "setpoints (word, signal)", "actual values (word, signal)"),
@@ -468,5 +476,5 @@ def _power_table() -> Sequence[str]:
 
 if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
-    write_part(*package_picture.PLACE, package_picture.generate())
+    package_picture.PATH.write_text(package_picture.generate(), encoding="utf-8")
     write_part(*habits.PLACE, habits.generate())

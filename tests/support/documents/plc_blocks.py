@@ -24,8 +24,9 @@ _COMMON = {
 _INTRODUCTION = """\
 # Function blocks for a PLC: inputs and outputs
 
-Generated from the templates by `make docs`; do not edit. [plc.md](plc.md) shows how to use them. "Telegrams" is empty if all
-telegrams of the block have the variable. `Actual` and `Setpoints` are the structures of the telegram.
+For the PLC programmer who uses a block. Generated from the templates by `make docs`; do not edit. [plc.md](plc.md)
+shows how to use them. "Telegrams" is empty if all telegrams of the block have the variable. `Actual` and `Setpoints`
+are the structures of the telegram.
 
 The tables leave out `Axis` (in and out, PDGW_AXIS) of `PDGW_Axis_Tn` and of all `MC_...` blocks, and what is equal in every
 `MC_...` block that has it: `Execute` starts the command when it becomes TRUE, `Busy` is TRUE while the command is active,

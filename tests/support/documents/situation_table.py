@@ -1,4 +1,4 @@
-"""The table of situations in docs/operation.md: what the gateway reports in each of them."""
+"""The table of situations in docs/situations.md: what the gateway reports in each of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.support.documents.parts import read_part, write_part
 from tests.support.documents.plc_situations import CONTROLLER_SITUATIONS, PLC_SITUATIONS
 from tests.support.documents.situations import SITUATIONS, at_situation
 
-_PLACE = ("operation.md", "situations")
+_PLACE = ("situations.md", "situations")
 ON_BOTH_LINKS = SITUATIONS | DEVICE_SITUATIONS | ENCODER_SITUATIONS | ORIGIN_SITUATIONS | NIGHT_SITUATIONS
 BY_LINK = {"udp": ON_BOTH_LINKS | PLC_SITUATIONS, "profinet": ON_BOTH_LINKS | CONTROLLER_SITUATIONS}
 """All situations of each link, by what a technician finds."""
