@@ -53,11 +53,17 @@ def _text(half: TelegramHalf, item: Signal, values: Mapping[str, int], rated: Ra
             for bit in item.fields(positioning=half.mode is ApplicationMode.POSITIONING)
             if bit.of(raw)
         ]
-        return " ".join((f"{raw:0{2 * item.type.size}X}h", *names))
+        return " ".join((_hexadecimal(item, raw), *names))
+    if item.is_word:
+        return _hexadecimal(item, raw)
     sensor, _, place = item.name.partition("_")
     if place == "XIST2" and values.get(f"{sensor}_ZSW", 0) & _SENSOR_ERROR:
         return f"error {raw:04X}h ({SENSOR_ERROR_TEXTS.get(raw, 'unknown')})"
     return value_text(item, raw, rated)
+
+
+def _hexadecimal(item: Signal, raw: int) -> str:
+    return f"{raw:0{2 * item.type.size}X}h"
 
 
 def value_text(item: Signal, raw: int, rated: Rated | None = None) -> str:

@@ -65,7 +65,7 @@ class Signal:
     measures, None for words and numbers that measure nothing; ``unit`` the physical unit, ``%`` for a normalised
     fraction of the quantity's reference; ``bits`` the fields of a word; ``positioning_bits`` those whose meaning
     differs in the positioning telegrams (7, 9, 110 to 112). ``is_float``: the raw value is the bit pattern of an
-    IEEE 754 number.
+    IEEE 754 number. ``is_word``: bits whose meaning the telegram does not define, for a reader hexadecimal.
     """
 
     name: str
@@ -78,6 +78,7 @@ class Signal:
     confidence: Confidence = Confidence.CONFIRMED
     is_float: bool = False
     quantity: SignalQuantity | None = None
+    is_word: bool = False
 
     def __repr__(self) -> str:
         return f"<Signal {self.name} ({self.type.name}): {self.description}>"
@@ -370,7 +371,7 @@ CATALOGUE: tuple[Signal, ...] = (
         quantity=SignalQuantity.POSITION,
     ),
     # Telegram 100 of the manufacturer: values pass unchanged, names as in its guide.
-    Signal("Controlword", 0, _U16, "Controlword"),
+    Signal("Controlword", 0, _U16, "Controlword", is_word=True),
     Signal(
         "Modes of Operation",
         0,
@@ -386,10 +387,10 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("Profile Deceleration", 0, _U32, "profile deceleration", "10 rpm/s", quantity=SignalQuantity.DECELERATION),
     Signal("Dynamic Speed Limit", 0, _U16, "dynamic speed limit", "0.5 rpm"),
     Signal("Dynamic Torque Limit", 0, _U16, "dynamic torque limit", "1/1000 rated current"),
-    Signal("Digital Outputs", 0, _U32, "physical outputs"),
-    Signal("Digital Outputs Mask", 0, _U32, "bit mask of the outputs under user control"),
+    Signal("Digital Outputs", 0, _U32, "physical outputs", is_word=True),
+    Signal("Digital Outputs Mask", 0, _U32, "bit mask of the outputs under user control", is_word=True),
     Signal("Target Velocity", 0, _I32, "target velocity", "velocity units", quantity=SignalQuantity.SPEED),
-    Signal("Statusword", 0, _U16, "Statusword"),
+    Signal("Statusword", 0, _U16, "Statusword", is_word=True),
     Signal(
         "Modes of Operation Display",
         0,
@@ -405,7 +406,7 @@ CATALOGUE: tuple[Signal, ...] = (
         "Current Actual Value", 0, _I16, "current actual value", "1/1000 rated current", quantity=SignalQuantity.CURRENT
     ),
     Signal("DC-link Circuit Voltage", 0, _U32, "DC-link circuit voltage", "mV", quantity=SignalQuantity.VOLTAGE),
-    Signal("Digital Inputs", 0, _U32, "digital inputs"),
+    Signal("Digital Inputs", 0, _U32, "digital inputs", is_word=True),
     Signal("Analogue Input 1", 0, _I16, "analogue input AI1", "10/32767 V", quantity=SignalQuantity.VOLTAGE),
     Signal("Analogue Input 2", 0, _I16, "analogue input AI2", "10/32767 V", quantity=SignalQuantity.VOLTAGE),
     Signal(

@@ -129,7 +129,7 @@ def test_every_value_of_every_telegram_has_its_own_unit(
     assert list(shown) == list(half.names)
     for item in half.signals:
         text, raw = shown[item.name], values[item.name]
-        if item.bits:
+        if item.bits or item.is_word:
             assert int(text.split("h")[0], 16) == raw
         elif in_error(item, values):
             assert text.startswith(f"error {raw:04X}h (")
@@ -149,7 +149,7 @@ def test_trends_have_the_unit_and_the_value_of_the_text(
     half, values = case
     shown = texts(half, values, rated)
     for item in half.signals:
-        if not item.bits and not in_error(item, values):
+        if not item.bits and not item.is_word and not in_error(item, values):
             factor, unit = scale(item, rated)
             last = shown[item.name].rpartition(" = ")[2]
             assert last.endswith(unit)
@@ -162,6 +162,16 @@ def test_positions_are_length_units_where_the_telegram_has_them() -> None:
     values = {"MDI_TARPOS": 50_000, "MDI_VELOCITY": 12_000}
     assert texts(telegram(111).setpoints, values) == {"MDI_TARPOS": "50000 LU", "MDI_VELOCITY": "12000 1000 LU/min"}
     assert texts(telegram(9).setpoints, {"MDI_TARPOS": 0x2000_0000}) == {"MDI_TARPOS": "50.000 %"}
+
+
+def test_words_of_telegram_100_are_hexadecimal_and_numbers_are_not() -> None:
+    values = {"Controlword": 0x000F, "Digital Outputs": 0x0001_0000, "Target Torque": -20}
+    shown = {"Controlword": "000Fh", "Digital Outputs": "00010000h", "Target Torque": "-20 1/1000 rated current"}
+    assert texts(telegram(100).setpoints, values) == shown
+    assert texts(telegram(100).actuals, {"Statusword": 0x0637, "Error Code": 6}) == {
+        "Statusword": "0637h",
+        "Error Code": "6",
+    }
 
 
 def test_error_code_of_a_sensor_is_not_a_position() -> None:
