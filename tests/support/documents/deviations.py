@@ -33,6 +33,14 @@ DEVIATIONS: Final = (
     ),
     Deviation(
         GUIDE,
+        "6",
+        "operation while positioning: ZSW1.0, .1 and .2 are 1, .4 and .6 are 0",
+        "ZSW1.3 and .6 are 0; ZSW1.4 is 1 while no OFF2 acts, as in the bit table",
+        "bit 3 is the fault, which ends operation; the digit is a misprint",
+        "tests/gateway/axis/test_positioner.py::test_worked_example_111_absolute_to_50000_lu_at_12000",
+    ),
+    Deviation(
+        GUIDE,
         "5.1",
         "operation needs digital input DI1 (enable)",
         "transition 4 only with DI1 set; DI1 falling acts as Disable Operation. The simulator has it",
