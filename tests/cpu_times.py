@@ -1,6 +1,7 @@
 """``python -m pytest -p tests.cpu_times``: CPU time of the tests and of the processes they start, by folder, and the slowest.
 
-Time that a test waits is not in it. A fixture of a module counts for the test that needs it first.
+Time that a test waits is not in it. A fixture of a module counts for the test that needs it first. ``tests.room_tests`` shows
+the sums of the files of the last runs.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from collections.abc import Generator, Iterator, Mapping
 import pytest
 
 SLOWEST = 40
+CACHE = "pdgw/cpu_times"
+"""Key of pytest's cache for the seconds of each file."""
 _PROPERTY = "CPU in s"
 _begun = 0.0
 _seconds: dict[str, float] = {}
@@ -47,6 +50,15 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     terminalreporter.section("CPU time")
     for line in lines(_seconds):
         terminalreporter.write_line(line)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keep the seconds of the files, those of all workers together."""
+    if _seconds and session.config.cache is not None and not hasattr(session.config, "workerinput"):
+        files: dict[str, float] = defaultdict(float)
+        for name, spent in _seconds.items():
+            files[name.partition("::")[0]] += spent
+        session.config.cache.set(CACHE, session.config.cache.get(CACHE, {}) | files)
 
 
 def lines(seconds: Mapping[str, float]) -> Iterator[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import room_tests
 from tests.conftest import is_real
 from tests.cpu_times import SLOWEST, lines
 from tests.support import processes
@@ -44,6 +45,16 @@ def test_the_table_has_the_sum_then_the_folders_then_the_slowest_tests_the_longe
     ]
     many = {f"tests/test_z.py::test_{number}": 1.0 for number in range(100)}
     assert len(list(lines(many))) == 2 + SLOWEST
+
+
+def test_every_room_has_its_tests_and_their_seconds() -> None:
+    assert set(room_tests.TESTS) == room_tests.rooms()
+    paths = " ".join([room_tests.ALWAYS, *room_tests.TESTS.values()]).split()
+    assert [path for path in paths if not (room_tests.ROOT / path).exists()] == []
+    kept = dict.fromkeys(room_tests.ALWAYS.split(), 1.0)
+    first, *others = room_tests.lines(kept, [])
+    assert first == f"any room                  3 s  pytest {room_tests.ALWAYS}"
+    assert all("  -  pytest tests/" in line for line in others)
 
 
 def test_waiting_for_a_text_ends_with_the_process_and_shows_all_logs_of_its_folder(tmp_path: Path) -> None:
