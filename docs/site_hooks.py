@@ -21,7 +21,7 @@ _ROOMS = sorted(file.parent.name for file in _ROOT.glob("*/__init__.py") if file
 """Packages with a page of the API reference."""
 _FOLDERS = {"docs/examples": "python", "tools/scenarios": "yaml", "docs/measured": "text"}
 """Folders the documents link to, each a page with its files."""
-_BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md")
+_BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
 """Documents of the repository outside ``docs/``."""
 _RENAMED = {"README.md": "index.md", "LICENSE": "LICENSE.md"}
 _TABLES = "tables.md"

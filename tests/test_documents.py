@@ -89,6 +89,13 @@ def test_every_document_says_first_who_reads_it_when(path: Path) -> None:
     assert (title.removeprefix("# ") if path.parent.name == "tutorials" else first).startswith("For ")
 
 
+def test_first_drawing_of_the_readme_fits_into_the_column_of_the_site() -> None:
+    """The site has 80 characters of code beside its two navigations in a window of 1300 pixels."""
+    drawing = re.findall(r"^ {4}(.*)$", (ROOT / "README.md").read_text("utf-8").partition("\n* ")[0], re.MULTILINE)
+    assert len(drawing) == 4
+    assert max(map(len, drawing)) <= 80
+
+
 def test_site_has_every_document_and_every_package_in_its_navigation() -> None:
     navigation = set(re.findall(r"^ +- (\S+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE))
     documents = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
