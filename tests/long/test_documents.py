@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tests.long.bench import counting
 from tests.long.documents import habits, package_picture
 from tests.long.documents.commands import COMMANDS_PATH, generate_commands
 from tests.long.documents.tables import PATH, generate
@@ -20,6 +21,11 @@ def test_docs_tables_are_up_to_date() -> None:
         "run: make docs"
     )
     assert read_part(*habits.PLACE) == habits.generate(), "run: make docs"
+
+
+def test_documents_have_the_counts_of_the_limits() -> None:
+    assert counting.MEASURED.read_text(encoding="utf-8") == counting.measured(), "run: make docs"
+    assert read_part(*counting.PLACE) == counting.share_of_the_recorder(), "run: make docs"
 
 
 def test_table_of_the_commands_is_up_to_date() -> None:

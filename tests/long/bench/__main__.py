@@ -1,6 +1,7 @@
 """``python -m tests.long.bench [counts|exchange|profinet|stops|decode ...]`` (``make bench``): print the tables.
 
-``--realtime``: all processes with real-time priority (Linux; root or CAP_SYS_NICE). ``--seconds``: time for each row.
+``--write`` makes the counts those of ``counts.toml`` and of the documents. ``--realtime``: all processes with real-time
+priority (Linux; root or CAP_SYS_NICE). ``--seconds``: time for each row.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ def main() -> None:
     parser.add_argument("tables", nargs="*", metavar="TABLE", help=", ".join(_TABLES))
     parser.add_argument("--seconds", type=float, default=5)
     parser.add_argument("--realtime", action="store_true")
+    parser.add_argument("--write", action="store_true", help="counts: write counts.toml and the documents")
     chosen = parser.parse_args()
     if unknown := set(chosen.tables) - set(_TABLES):
         parser.error(f"table {', '.join(sorted(unknown))}, allowed: {', '.join(_TABLES)}")
@@ -58,7 +60,10 @@ def main() -> None:
         flush=True,
     )
     if "counts" in names:
-        _print("counts of a cycle, which no other work on the machine changes", counting.TITLES, counting.rows())
+        found: dict[str, dict[str, float]] = {}
+        _print("counts of a cycle, which no other work on the machine changes", counting.TITLES, counting.rows(found))
+        if chosen.write and found:
+            counting.write(found)
     if "exchange" in names:
         title = "cyclic exchange over UDP: until the answer is at the client"
         _print(title, exchange.TITLES, exchange.rows(chosen.seconds))

@@ -19,7 +19,7 @@ import sys
 import tempfile
 import tomllib
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -43,6 +43,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import Identity, Station
 from tests.long.bench.drives import IdealDrives
+from tests.support.documents.parts import DOCS, write_part
 from tests.support.gateways.daemon import POSITIONER
 from tests.support.wire.ethernet import FakeEthernet
 from tests.support.wire.profinet import DEVICE_IP, PLC_MAC
@@ -552,22 +553,83 @@ def command(arguments: str) -> int:
 
 
 TITLES: Final = ("row", "bytecodes", "calls into C", "instructions", "entries of the interpreter", "recorder")
+_KEYS: Final = ("bytecodes", "calls", "instructions", "entries", "recorder")
+"""Of the columns after the first one."""
+MEASURED: Final = DOCS / "measured" / "counts.txt"
+PLACE: Final = ("verification.md", "share of the recorder")
 
 
 def limits() -> dict[str, dict[str, Any]]:
-    """The counts that a test allows: by version of Python and row, and those of one ``compiled`` row."""
+    """The counts that a test allows: by version of Python and row, and by ``compiled``, interpreter and row."""
     return tomllib.loads(LIMITS.read_text(encoding="utf-8"))
 
 
-def rows() -> Iterator[tuple[str, ...]]:
-    """The lines of the table: of a gateway that is not compiled, or of a compiled one."""
+def rows(found: dict[str, dict[str, float]]) -> Iterator[tuple[str, ...]]:
+    """The lines of the table: of a gateway that is not compiled, or of a compiled one. ``found`` gets the counts."""
     for name, row in ROWS.items():
         if kind() != COMPILED:
-            found = taken(row)
-            yield name, str(found.bytecodes), str(found.calls), "", "", f"{found.recorder} %"
+            found[name] = taken(row)._asdict()
         elif name in INSTRUCTIONS and not missing():
             (on, entries), (off, _) = compiled(name), compiled(name, record=False)
-            yield name, "", "", f"{on / 1000:.0f} k", str(entries), f"{100 * (on - off) / on:.0f} %"
+            found[name] = {"instructions": on, "entries": entries, "recorder": round(100 * (on - off) / on)}
+        else:
+            continue
+        yield _line(name, found[name])
+
+
+def _line(name: str, counts: Mapping[str, float]) -> tuple[str, ...]:
+    """A row of the table."""
+    return name, *(f"{counts[key]}{' %' * (key == 'recorder')}" if key in counts else "" for key in _KEYS)
+
+
+def write(found: Mapping[str, Mapping[str, float]]) -> None:
+    """Make these counts the limits of this build, and write the documents that have them."""
+    section = f'[compiled."{interpreter()}"]' if kind() == COMPILED else '["{}.{}"]'.format(*sys.version_info[:2])
+    before, begun, rest = LIMITS.read_text(encoding="utf-8").partition(f"{section}\n")
+    if not begun:
+        raise ValueError(f"{LIMITS}: section {section} is missing")
+    lines = (
+        f'"{name}" = {{ {", ".join(f"{key} = {value}" for key, value in counts.items())} }}\n'
+        for name, counts in found.items()
+    )
+    LIMITS.write_text(f"{before}{begun}{''.join(lines)}{rest[rest.index(chr(10) * 2) + 1 :]}", encoding="utf-8")
+    write_documents()
+
+
+def write_documents() -> None:
+    """The table of the limits, and the sentence about the recorder."""
+    MEASURED.write_text(measured(), encoding="utf-8")
+    write_part(*PLACE, share_of_the_recorder())
+
+
+def _builds() -> dict[str, dict[str, dict[str, float]]]:
+    """The limits of each build."""
+    known = limits()
+    pure = {f"pure Python, CPython {name}": known[name] for name in known if name[0].isdecimal()}
+    return pure | {f"compiled, {name}": counts for name, counts in known["compiled"].items()}
+
+
+def measured() -> str:
+    """Each build with its limits, in columns."""
+    lines = ["What a cycle of the gateway takes, by tests/long/bench/counts.toml.", ""]
+    for build, found in _builds().items():
+        table = [TITLES, *(_line(name, counts) for name, counts in found.items())]
+        columns = [column for column in zip(*table, strict=True) if any(column[1:])]
+        widths = [max(map(len, column)) for column in columns]
+        cells = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True))
+        lines += [build, "", *cells, ""]
+    return "\n".join(lines)
+
+
+def share_of_the_recorder() -> str:
+    """The sentence about the recorder's share of a cycle."""
+    texts = []
+    for build, found in _builds().items():
+        shares = sorted(int(counts["recorder"]) for counts in found.values())
+        unit = "bytecodes" if build.startswith("pure") else "instructions"
+        span = " to ".join(map(str, dict.fromkeys((shares[0], shares[-1]))))
+        texts.append(f"{span} % of the {unit} ({build})")
+    return f"The flight recorder takes of a cycle {', and '.join(texts)}.\n"
 
 
 if __name__ == "__main__":

@@ -43,6 +43,7 @@ from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, Tel
 from pdgw.profidrive.words import Bit, Confidence
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
+from tests.long.bench import counting
 from tests.long.documents import habits, package_picture, supervisions
 from tests.long.documents.simulator_steps import generate_steps
 from tests.support.documents import order_times
@@ -478,3 +479,4 @@ if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
     package_picture.PATH.write_text(package_picture.generate(), encoding="utf-8")
     write_part(*habits.PLACE, habits.generate())
+    counting.write_documents()
