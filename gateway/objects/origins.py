@@ -93,7 +93,7 @@ class Origins:
     def last(self, loop: Loop) -> str:
         """What began the last stop, as text for the next gateway; empty if only the gateway itself did."""
         origin = self.severe or self.present
-        if origin is None or (origin.by is By.GATEWAY and not origin.number) or origin.is_older:
+        if origin is None or (origin.by is By.GATEWAY and not origin.number) or not origin.since_ns:
             return self._recalled
         return finding_text(origin, loop, dated=True)
 
