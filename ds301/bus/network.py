@@ -187,7 +187,7 @@ class CanNetwork(Receiver):
         return self.health.outage is None
 
     @property
-    def trouble(self) -> Outage | Flood | None:
+    def disturbance(self) -> Outage | Flood | None:
         """Why the bus does not serve its nodes, or serves them late; None if it does."""
         return self.flood or self.health.shown(self.loop.now())
 

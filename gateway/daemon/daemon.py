@@ -209,7 +209,7 @@ class Daemon:
     def _on_bus(self, network: CanNetwork, text: str) -> None:
         """The bus is lost, for another reason, or back."""
         self.events.add("bus", None, text)
-        evidence = network.trouble
+        evidence = network.disturbance
         for item in self.objects:
             if evidence is not None and item.network is network:
                 text = f"bus {network.name}: {evidence.text}"

@@ -163,7 +163,7 @@ class _Chain:
     def check_node(self, offline: Reason) -> bool:
         """Bus and node; False if the device cannot be checked."""
         network, client = self.item.network, self.item.client
-        if (found := network.trouble) is not None and not (network.healthy and self.item.good):
+        if (found := network.disturbance) is not None and not (network.healthy and self.item.good):
             stays = found in (network.flood, Outage.STAYS_OFF, Outage.QUIET)
             again = () if stays else ("the gateway connects again by itself",)
             evidence = f"bus {network.name}: {found.text}"

@@ -293,8 +293,8 @@ def _head(daemon: RunningGateway) -> dict[str, Any]:
                 "interface": bus.interface,
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
-                "healthy": (trouble := daemon.networks[bus.name].trouble) is None,
-                "outage": "" if trouble is None else trouble.text,
+                "healthy": (disturbance := daemon.networks[bus.name].disturbance) is None,
+                "outage": "" if disturbance is None else disturbance.text,
                 "unconfigured": daemon.networks[bus.name].unconfigured(),
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
