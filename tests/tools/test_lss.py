@@ -137,6 +137,13 @@ def test_a_device_that_takes_nothing_keeps_what_it_had(
     assert site.requests[-1][:2] == b"\x04\x00"
 
 
+def test_another_device_that_answers_at_the_new_node_id_is_named(site: Site) -> None:
+    drive, other = site.drive(5, 77, {"lss": {}}), site.drive(3, 78, {})
+    with pytest.raises(GatewayError, match=r"node 3 is another device: .* serial number 0000004Eh"), site.lss.opened():
+        site.lss.assign(_identity(drive), 3, 5, None)
+    assert other.node.node_id == 3
+
+
 def test_a_device_that_stores_slowly_is_waited_for(site: Site) -> None:
     drive = site.drive(5, 77, {"lss": {"store_ms": 3000}})
     with site.lss.opened():
