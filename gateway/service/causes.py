@@ -106,6 +106,8 @@ def _text(stops: Sequence[Stop]) -> str:
 
 def _line(stops: Sequence[Stop]) -> str:
     """The evidence that all of them have, since when, how often, and what follows."""
+    if len(stops) == 1:
+        return finding_text(stops[0].found, stops[0].item.network.loop)
     more = {stop.found.more for stop in stops}
     return stops[0].evidence + _since(stops) + (more.pop() if len(more) == 1 else "") + _recalled(stops)
 

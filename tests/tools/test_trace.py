@@ -12,6 +12,7 @@ import pytest
 
 from pdgw.base.durations import SECOND
 from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.configuration.defaults import Trigger
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon.daemon import Daemon
@@ -138,7 +139,7 @@ def choice(directory: Path, *triggers: Trigger, files: int = 20) -> Choice:
 
 def happen(daemon: Daemon, plc: Plc, keeper: Keeper) -> None:
     """A fault, and time enough for what comes after it."""
-    daemon.axes[0].raise_fault(127, "made up", plc.loop.now())
+    daemon.axes[0].raise_fault(FaultNumber(127), "made up", plc.loop.now())
     pass_time(plc, 2 * SECOND)
     keeper.poll()
 
@@ -247,7 +248,7 @@ def test_a_keeper_follows_the_gateway_that_replaces_another(tmp_path: Path) -> N
     def fault() -> None:
         daemon, plc = daemons[-1]
         pass_time(plc, SECOND)
-        daemon.axes[0].raise_fault(127, "made up", plc.loop.now())
+        daemon.axes[0].raise_fault(FaultNumber(127), "made up", plc.loop.now())
         pass_time(plc, 3 * SECOND)
 
     actions = {1: fault, 3: gateways.close, 5: begin, 7: fault, 9: gateways.close}

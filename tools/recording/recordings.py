@@ -162,7 +162,7 @@ _time = attrgetter("time_ns")
 
 
 def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify: Notify) -> Opening:
-    """Find axes, cycle and clocks; GatewayError for unusable captures. ``followed`` reports damage behind the first packet.
+    """Find axes, cycle and clocks; GatewayError for unusable captures. ``followed`` reports damage after the first packet.
 
     Of one file only the begin is read, several are read to their end: the offset of their clocks needs edges of both.
     """

@@ -16,11 +16,12 @@ from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
 from pdgw.gateway.axis.values import gateway_fault
+from pdgw.gateway.base.finding_text import finding_text
 from pdgw.gateway.base.reasons import AxisState, By, FaultNumber, Finding, Reason, Weight
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_status import EnableStatus
-from pdgw.gateway.objects.origins import PROOF_NS, Origins, since
+from pdgw.gateway.objects.origins import PROOF_NS, Origins
 from pdgw.gateway.service.last_words import LastWords, kept_last_words
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive.model.model import DriveModel
@@ -243,10 +244,10 @@ def test_time_of_an_origin_has_its_date_a_day_later_and_for_the_next_gateway() -
     now = datetime.fromtimestamp(loop.wall())
     for later in (0, 23):
         loop.run_for(later * 3600 * SECOND)
-        assert since(origins.present, loop).endswith(f", since {now:%H:%M:%S}")
+        assert finding_text(origins.present, loop).endswith(f", since {now:%H:%M:%S}")
         assert origins.last(loop).endswith(f", since {now:%H:%M:%S on %Y-%m-%d}")
     loop.run_for(3600 * SECOND)
-    assert since(origins.present, loop) == origins.last(loop)
+    assert finding_text(origins.present, loop) == origins.last(loop)
 
 
 def test_origins_are_kept_with_the_last_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

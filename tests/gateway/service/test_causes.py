@@ -156,8 +156,8 @@ def test_texts_that_differ_in_more_than_the_own_node_are_all_kept() -> None:
     assert (cause["who"], cause["reason"]) == (
         "axes 1-5",
         "axes 1, 3: each node is rejected: profile '406' is not allowed; "
-        "axis 2: each node is rejected: profile '402' is not allowed; "
-        "axis 4: each node is rejected: vendor-ID '0000ABCEh' is not allowed; and 1 more of the kind",
+        "axis 2: node 2 is rejected: profile '402' is not allowed; "
+        "axis 4: node 4 is rejected: vendor-ID '0000ABCEh' is not allowed; and 1 more of the kind",
     )
 
 

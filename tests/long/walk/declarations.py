@@ -107,7 +107,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     },
     Acknowledgement: {"ASIDE": frozenset({"_until", "_seen"})},
     DriveWatch: {
-        "ASIDE": frozenset({"_supplied", "_unannounced", "fault_began", "fault_since"}),
+        "ASIDE": frozenset({"_supplied", "_is_older", "fault_began", "fault_since"}),
         "SUPERVISION": frozenset({"shown"}),
     },
     AxisMachine: {

@@ -320,7 +320,7 @@ def test_check_restarts_with_each_operation() -> None:
         assert not axis.check.is_due(False, 0, axis.now)
 
 
-def test_a_speed_from_before_the_operation_is_no_ceiling() -> None:
+def test_a_speed_from_before_the_operation_does_not_count() -> None:
     """Read by SDO: a flying shaft was still slow when it was requested, and gets 7130 ms for its ramp to 0."""
     check, begun = made_check(), SECOND
     check.set_drive(scaling(), 30)
