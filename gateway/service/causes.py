@@ -56,7 +56,8 @@ def causes(items: Sequence[DriveObject]) -> list[dict[str, Any]]:
     together = _lost_together(stops, {(item.network.name, item.node_id) for item in items})
     for stop in stops:
         loss, own = together.get(stop.item.do_id), stop.found
-        key = loss or (stop.state, stop.reason, own.reason, own.by, own.number, own.code, own.remedy)
+        device = own.node and type(stop.item)  # a drive and an encoder are refused for different things
+        key = loss or (stop.state, stop.reason, own.reason, own.by, own.number, own.code, own.remedy, device)
         groups.setdefault(key, []).append(stop._replace(found=loss or own))
     members = sorted(groups.values(), key=lambda stops: (_ORDER.index(stops[0].state), -len(stops)))
     return [_cause(stops) for stops in members]

@@ -476,7 +476,7 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
     "drive and encoder were plugged at each other's place": Situation(
         tables=axis(1) + "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n",
         begin=_swap_node_ids,
-        says=("Not on the bus: axis 1: node 1 is rejected: node 1 device type 1000h", "expected a drive (profile 402)"),
+        says=("Not on the bus: node 1 is rejected: node 1 device type 1000h", "expected a drive (profile 402)"),
         lacks=("power", "cable"),
         cure=_swap_back,
     ),
