@@ -173,22 +173,15 @@ class Axis(DriveObject):
         if self._news or self._future is not None:
             self._deliver(inputs.news)
         if machine.sensor is not None:
-            for link in self._links:
-                if link is not None:
-                    link.step(machine, now, self.note)
+            self._step_links(now)
         if inputs.news:
             self._note_news(inputs.news)
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
         word = outputs.command.controlword
-        if word != self._word:
-            self._word = word
-            self.stops = not operates(word)
-            if word & ControlBit.FAULT_RESET:
-                self.acknowledged_at = now
-        elif self.stops:
-            self.stops = False
+        if word != self._word or self.stops:
+            self._note_word(word, now)
         if self._probing or outputs.probe is not None:
             self._probing = self._probe.step(outputs.probe, now) or outputs.probe is not None
         events = outputs.events
@@ -200,6 +193,22 @@ class Axis(DriveObject):
         if outputs.released is not (self.origins.present is None):
             self._turn_origin(outputs, now)
         return outputs
+
+    def _step_links(self, now: int) -> None:
+        """One cycle of the axis' encoders."""
+        for link in self._links:
+            if link is not None:
+                link.step(self.machine, now, self.note)
+
+    def _note_word(self, word: int, now: int) -> None:
+        """The Controlword has changed now, or in the step before: does it stop the drive, or acknowledge a fault?"""
+        if word == self._word:
+            self.stops = False
+            return
+        self._word = word
+        self.stops = not operates(word)
+        if word & ControlBit.FAULT_RESET:
+            self.acknowledged_at = now
 
     def _watch(self, warning: int, lags_since: int) -> None:
         """The warnings or the lag of the axis have changed."""
