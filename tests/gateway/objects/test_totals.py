@@ -28,6 +28,13 @@ def test_a_total_counts_from_its_first_time_until_it_did_not_come_for_a_day() ->
     assert [total.times for total in totals.present(2 * DAY_NS)] == [1]
 
 
+def test_the_fault_that_came_last_is_first() -> None:
+    totals = Totals()
+    for second, number in enumerate((FaultNumber.NODE_LOST, FaultNumber.PLC_LOST, FaultNumber.NODE_LOST)):
+        totals.enter(gateway_fault(number, "", second * SECOND))
+    assert [total.evidence for total in totals.present(3 * SECOND)] == ["node lost", "PLC lost"]
+
+
 def test_different_faults_of_a_device_have_a_limit() -> None:
     totals = Totals()
     for number in range(1000):

@@ -238,6 +238,12 @@ def test_a_speed_that_does_not_approach_its_setpoint_lags_and_is_late_until_it_f
     ]
 
 
+def test_a_speed_as_near_as_the_standstill_window_follows_a_slow_setpoint() -> None:
+    axis = Axis()
+    assert axis.run(3, lambda at: 45, target=lambda at: 20) is None
+    assert not axis.check.lags_since(axis.now), "30 rpm count as standstill"
+
+
 def test_load_that_swings_back_after_a_stop_is_accepted() -> None:
     axis = Axis()
     assert axis.run(1, lambda at: 1000) is None
