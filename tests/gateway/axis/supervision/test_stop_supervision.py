@@ -558,6 +558,13 @@ def test_each_state_that_must_end_has_its_own_time() -> None:
     assert watched(watch, Order.OFF2, stopping, 2 * REACTION + 2)
 
 
+def test_a_shaft_that_is_turned_while_an_on_waits_does_not_have_to_slow_down() -> None:
+    watch = made_watch(REACTION, AxisSettings().stop_time_ns, ENTER)
+    assert not watched(watch, Order.ENTER, State.SWITCHED_ON, SECOND, TURNING)
+    assert not watch.coast(TURNING, 30, 100 * SECOND)
+    assert watch.began < 0, "no stop is watched"
+
+
 def test_each_failure_to_stop_has_its_own_begin() -> None:
     watch = made_watch(REACTION, AxisSettings().stop_time_ns, ENTER)
     for began in (10**12, 2 * 10**12):
