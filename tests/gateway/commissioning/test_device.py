@@ -256,6 +256,19 @@ def test_beside_a_gateway_nothing_is_read(tmp_path: Path) -> None:
     assert site.network.sent == before
 
 
+def test_a_gateway_that_starts_meanwhile_is_found_at_the_end(tmp_path: Path) -> None:
+    site = Site(_with_dcf(tmp_path / "drive.dcf", DCF))
+    other = site.world.bus(BUS).join("gateway of others")
+
+    def compared(device: ConfiguredDevice) -> None:
+        device.differences()
+        other.send(0x700 + 127, b"\x05")
+        site.world.loop.sleep(SECOND // 100)
+
+    with pytest.raises(GatewayError, match="a master sends the heartbeat of a gateway"):
+        site.run(compared)
+
+
 # -- python canopen as the device ---------------------------------------------------------------------------------------------
 
 
