@@ -89,5 +89,5 @@ class Losses:
         return Lost(Cause(f"another master has sent NMT command {command:02X}h", _MASTER), Loss.OTHER_MASTER)
 
     def bus_failed(self, operation: Operation) -> bool:
-        """The bus failed while the node was online, even if it has recovered since: what was sent meanwhile may be lost."""
+        """Whether the bus failed while the node was online. It may work again now, but frames may have been lost meanwhile."""
         return self._network.health.failures != operation.bus_failures or not self._network.healthy

@@ -32,7 +32,7 @@ class PdoMapper:
     ) -> PdoPlan:
         """Return the plan that the node has now. The package's error if it takes none.
 
-        ``capabilities`` reads what the data sheet shows, ``make_plan`` makes a plan for what was found out.
+        ``capabilities`` reads the PDOs in the data sheet. ``make_plan`` makes a plan from the findings about the node.
         """
         sdo, device, node_id = self._sdo, self.device, settings.node_id
         found = {index: cob_id for index in sdo.dictionary if (cob_id := sdo.cob_id_of(index)) is not None}

@@ -19,7 +19,7 @@ class ChainLink(NamedTuple):
     reason: Reason | None = None
     """Reason of a broken link."""
     found: Finding | None = None
-    """Why it is broken. Its own reason may be that of what came before."""
+    """Why the link is broken. This finding may have another reason: that of an earlier event which led to it."""
     loop: Loop | None = None
     """For the times of day."""
 

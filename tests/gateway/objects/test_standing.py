@@ -1,4 +1,4 @@
-"""Sentences that stand: each is true an hour later, and after a restart of the gateway."""
+"""The first line of each situation is true an hour later, and after a restart of the gateway."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_first_line_is_true_later(title: str) -> None:
 
 @pytest.mark.parametrize("title", sorted(BY_LINK["udp"].keys() - {_STARTS_NOT}))
 def test_first_line_is_true_after_a_restart(title: str) -> None:
-    """It names what stands again, and of what was before, the time is that of then."""
+    """It names again what is still there. For what happened before the restart, it shows the time at which that happened."""
     situation = BY_LINK["udp"][title]
     with at_situation(situation) as (daemon, plc):
         before = line_of(daemon)
