@@ -117,11 +117,18 @@ class Noise(_Disguise):
 
     rpm = 0
     counts = 0
+    _period = -1
+    _drawn = 0.0, 0
+    """Speed and position of this period."""
 
     def disguise(self, model: DriveModel, now: int) -> None:
-        chance = Random(now // _NOISE_PERIOD)
-        model.velocity_actual += round(chance.uniform(-self.rpm, self.rpm) / model.unit)
-        model.position_actual += chance.randint(-self.counts, self.counts)
+        if self._period != (period := now // _NOISE_PERIOD):
+            chance = Random(period)
+            drawn = chance.uniform(-self.rpm, self.rpm), chance.randint(-self.counts, self.counts)
+            self._period, self._drawn = period, drawn
+        rpm, counts = self._drawn
+        model.velocity_actual += round(rpm / model.unit)
+        model.position_actual += counts
 
 
 # -- machine and power ----------------------------------------------------------------------------------------------------
