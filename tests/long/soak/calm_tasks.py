@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import VELOCITY_WINDOW
 from pdgw.dsp402.states import UNPOWERED
 from pdgw.dsp406.objects import UNITS_PER_REVOLUTION
 from pdgw.gateway.axis.telegrams import (
@@ -215,6 +216,8 @@ class SpeedProgram(AxisProgram):
 
         if "MOMRED" in self.values:
             self.tasks["reduced torque"] = self.reduced_torque
+        dither = self.axis.plan.habits.get("dithers", {"rpm": 0})["rpm"]
+        self._dithers = dither > self.model.read(VELOCITY_WINDOW, 0) * self.model.unit
 
     def begin(self) -> None:
         self.words.set_speed(self.speed())
@@ -231,8 +234,8 @@ class SpeedProgram(AxisProgram):
         self.ends(f"{share * RATED_RPM:.0f} rpm", lambda: self.of.follows(self.axis) and self.reached())
 
     def reached(self) -> bool:
-        """ZSW1.10."""
-        return self.words.raw or bool(self.shown("ZSW1") & _REACHED)
+        """ZSW1.10. A shaft that dithers beyond the drive's own velocity window shows it by chance."""
+        return self.words.raw or self._dithers or bool(self.shown("ZSW1") & _REACHED)
 
     def turn(self, shares: Iterable[float], seconds: float) -> None:
         """Each of these speeds for the same time, then 0."""
