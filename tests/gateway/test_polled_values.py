@@ -24,6 +24,9 @@ from tests.gateway.test_motion_daemon import HOME_SET, SCENARIO
 from tests.support.gateways.daemon import OFF, POSITIONER, Plc, axis, configuration, online, running, world_of
 
 FULL = 0x4000
+OFF3 = 0x047B
+VOLTAGE = 0x0002
+"""Controlword.1."""
 FAST = 0x3300
 """NSOLL_A of 2391 rpm."""
 LATE = ("sdo-answers-of-object-late", {"delay_ms": 400})
@@ -123,6 +126,22 @@ def test_a_standstill_needs_two_answers_to_requests_after_the_order() -> None:
             requests.add(daemon.axes[0].machine.inputs.speed_asked_ns)
         assert len(requests - {asked}) == 2
         assert _faults(daemon) == []
+
+
+def test_disable_voltage_after_a_quick_stop_is_commanded_until_the_drive_is_off() -> None:
+    """The drive stays in Quick Stop Active (605Ah), and its brake needs some time to close."""
+    with polled() as (_, drive, plc):
+        _turn(plc)
+        drive.do(lambda node: node.start_fault("quick-stop-stays"))
+        drive.model.transition_ms[State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED] = 300
+        plc.endpoint.set(0, {"STW1": OFF3})
+        plc.until(lambda: not drive.model.controlword & VOLTAGE, "Disable Voltage")
+        received = set()
+        while drive.model.state is State.QUICK_STOP_ACTIVE:
+            plc.exchange()
+            received.add(drive.model.controlword & VOLTAGE)
+        assert received == {0}
+        assert drive.model.state is State.SWITCH_ON_DISABLED
 
 
 @pytest.mark.parametrize("disturbance", [None, LATE], ids=["prompt", "late"])

@@ -107,6 +107,16 @@ def test_what_starts_and_stops_nothing_keeps_a_standstill(change: dict[str, obje
     assert bench.step() == "standstill"
 
 
+def test_power_that_goes_at_the_end_of_a_stop_keeps_its_standstill() -> None:
+    bench = Bench()
+    bench.order = Order.STOP
+    bench.at_standstill()
+    bench.order = Order.OFF
+    assert bench.step() == "standstill"
+    bench.order = Order.STOP
+    assert bench.step() == "standstill", "the same stop"
+
+
 def test_the_fall_of_halt_keeps_a_standstill() -> None:
     bench = Bench()
     bench.word |= ControlBit.HALT
