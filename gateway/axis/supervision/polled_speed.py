@@ -49,12 +49,11 @@ class PolledSpeed:
         ``order`` of the power table, ``word`` (Controlword) and ``target`` (60FFh) are the last ones. ``window``: of standstill.
         """
         inputs = self._inputs
-        # Power that goes at the end of a stop is no new order: the shaft is at standstill by the answers to that stop.
-        order = self._order[0] if order is Order.OFF else order
         given = order, (target > window) - (target < -window)
-        if given != self._order or word & ~self._word & _ORDERS:
-            self._order, self._ordered_at, self._still = given, inputs.now, 0
-        self._word = word
+        # Power that goes at the end of a stop starts nothing: the shaft is at standstill by the answers to that stop.
+        if (given != self._order and order is not Order.OFF) or word & ~self._word & _ORDERS:
+            self._ordered_at, self._still = inputs.now, 0
+        self._order, self._word = given, word
         slow = abs(inputs.feedback.velocity_actual) <= window
         if inputs.speed_asked_ns != self._asked:
             self._asked = asked = inputs.speed_asked_ns

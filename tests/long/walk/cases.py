@@ -188,7 +188,7 @@ def short() -> Iterator[Case]:
 
 
 def selected() -> Iterator[Case]:
-    """For CI: each telegram of a drive with the defaults, each setting once, sign of life and guarding."""
+    """Each telegram of a drive with the defaults, each setting once, sign of life, guarding, and a speed by SDO."""
     yield from map(Case, DRIVE_TELEGRAM_NUMBERS)
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
     yield Case(1, quick_stop, resume=True, hold=True)
@@ -198,6 +198,7 @@ def selected() -> Iterator[Case]:
     yield Case(2, life=1)
     yield Case(1, guarding=True)
     yield Case(1, guarding=True, brake=True)
+    yield Case(1, by_sdo=True)
 
 
 def every() -> Iterator[Case]:
@@ -210,6 +211,6 @@ def every() -> Iterator[Case]:
             case = Case(number, loss, resume, hold, full=full, tick_ns=FINE_TICK_NS if full else TICK_NS)
             if case not in before:
                 yield case
-    yield from (Case(1, loss, by_sdo=True) for loss in PlcLossReaction)
+    yield from (Case(1, loss, by_sdo=True) for loss in (PlcLossReaction.RAMP, PlcLossReaction.COAST))
     yield from (Case(number, homing=True, tick_ns=LONG_TICK_NS) for number in TASK_TELEGRAM_NUMBERS)
     yield from (Case(number, jog=True, tick_ns=LONG_TICK_NS) for number in POSITIONER_TELEGRAM_NUMBERS)

@@ -114,7 +114,7 @@ def test_power_that_goes_at_the_end_of_a_stop_keeps_its_standstill() -> None:
     bench.order = Order.OFF
     assert bench.step() == "standstill"
     bench.order = Order.STOP
-    assert bench.step() == "standstill", "the same stop"
+    assert bench.step() == "unknown", "another stop"
 
 
 def test_the_fall_of_halt_keeps_a_standstill() -> None:
