@@ -195,3 +195,18 @@ def test_slow_ramps_limit_profile_and_quick_stop() -> None:
     bench.command(0x02)
     bench.run(500)
     assert bench.model.speed == pytest.approx(250, abs=2)
+
+
+def test_shaft_that_still_turns_rubs_at_the_brake_until_it_opens() -> None:
+    bench = Bench()
+    bench.enable()
+    bench.write(0x60FF, 0, 300)
+    bench.run(1000)
+    bench.command(0x06)
+    bench.habit("motion-starts-late")
+    bench.enable()
+    assert 0 < bench.model.speed < 300
+    bench.run(250)
+    assert bench.model.speed == 0
+    bench.run(1000)
+    assert bench.model.speed == 300

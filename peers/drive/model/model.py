@@ -380,6 +380,7 @@ class DriveModel(DriveImage):
                 self._enter(State.SWITCH_ON_DISABLED)
             elif self._closed_ticks:
                 self._closed_ticks -= 1
+                self.slow_down(COAST_DECELERATION)  # a shaft that still turns rubs at its brake
             elif not self._sync_is_lost():
                 self.motion.move()
         elif state is State.QUICK_STOP_ACTIVE:
