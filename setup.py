@@ -30,6 +30,7 @@ COMPILED = (
     "ds301/loop/arrivals.py",
     "ds301/loop/loop.py",
     "ds301/loop/readiness.py",
+    "ds301/loop/system_loop.py",
     "ds301/loop/virtual_loop.py",
     "ds301/node/bring_up.py",
     "ds301/node/client.py",

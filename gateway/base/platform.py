@@ -12,7 +12,8 @@ import can
 
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.port import CanPort, open_port
-from pdgw.ds301.loop.loop import Loop, SystemLoop
+from pdgw.ds301.loop.loop import Loop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.gateway.base.udp import DatagramPort, UdpSocket
 
 

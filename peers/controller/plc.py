@@ -9,7 +9,7 @@ from ipaddress import IPv4Address, IPv4Interface
 from uuid import uuid4
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.links.profinet.ethernet import RawEthernet

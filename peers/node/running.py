@@ -20,7 +20,8 @@ from pdgw.base.phrases import did_you_mean
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, open_port
 from pdgw.ds301.loop.jobs import resolve
-from pdgw.ds301.loop.loop import Loop, SystemLoop, Timer
+from pdgw.ds301.loop.loop import Loop, Timer
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.peers.node.behaviour import parse
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 

@@ -14,7 +14,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import open_port
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings

@@ -10,8 +10,8 @@ import time
 from typing import Final
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.ds301.loop.readiness import best_readiness
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.gateway.base.platform import SystemPlatform
 
 _AT_MOST_NS: Final = 20 * MS

@@ -13,8 +13,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.ds301.loop.loop import Event, Loop, Mailbox, SystemLoop
+from pdgw.ds301.loop.loop import Event, Loop, Mailbox
 from pdgw.ds301.loop.readiness import Readiness, SelectReadiness, best_readiness
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 
 

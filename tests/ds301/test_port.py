@@ -20,7 +20,7 @@ from pdgw.ds301.bus.can_frame import pack_frame
 from pdgw.ds301.bus.interfaces import open_bus, system_text
 from pdgw.ds301.bus.port import SocketPort, open_port
 from pdgw.ds301.loop.arrivals import SO_TIMESTAMPNS
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from tests.support import buses
 
 

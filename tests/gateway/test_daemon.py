@@ -12,7 +12,7 @@ import pytest
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.communication import NMT, NmtCommand, NmtState
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.orders import Brake

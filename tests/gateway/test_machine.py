@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pdgw.base.durations import SECOND
-from pdgw.ds301.loop.loop import MACHINE_CLOCK, SystemLoop
+from pdgw.ds301.loop.system_loop import MACHINE_CLOCK, SystemLoop
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.base.store import DeviceParameters, ParameterStore

@@ -13,7 +13,8 @@ from pdgw.base.durations import MS
 from pdgw.ds301.bus.interfaces import open_bus
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import open_port
-from pdgw.ds301.loop.loop import Loop, SystemLoop
+from pdgw.ds301.loop.loop import Loop
+from pdgw.ds301.loop.system_loop import SystemLoop
 
 _numbers = itertools.count()
 _loops: list[SystemLoop] = []

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.loop.arrivals import arrival
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.udp import UdpSocket
 from pdgw.gateway.links.cyclic import CyclicEndpoint

@@ -11,7 +11,7 @@ import pytest
 
 from pdgw.base.durations import MS
 from pdgw.ds301.counters import Counters
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.gateway.base.udp import Address, UdpSocket
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.link import UdpLink

@@ -14,7 +14,7 @@ from typing import Any, cast
 import pytest
 
 from pdgw.base.durations import SECOND
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.daemon.daemon import Daemon

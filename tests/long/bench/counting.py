@@ -27,8 +27,8 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.bus.port import SocketPort
-from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.ds301.loop.readiness import READABLE, best_readiness
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.gateway.base.identity import COMPILED, kind
 from pdgw.gateway.base.platform import CanInterface, SystemPlatform
 from pdgw.gateway.configuration.file import parse_config

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pdgw.base.durations import MS
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.gateway.base.udp import Address, UdpSocket
 from pdgw.peers.plc.exchange.plc import Plc
 from pdgw.profidrive.telegrams import telegram

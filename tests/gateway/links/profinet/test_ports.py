@@ -15,7 +15,7 @@ from scapy.layers.l2 import Ether
 from scapy.layers.snmp import SNMP, SNMPget, SNMPset, SNMPvarbind
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.links.profinet.ethernet import RawEthernet, medium_of, read_medium
