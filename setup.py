@@ -46,6 +46,7 @@ COMPILED = (
     "ds301/node/polled.py",
     "ds301/node/sdo.py",
     "ds301/pdo.py",
+    "ds301/sdo_frames.py",
     "ds301/sdo_transfer.py",
     "dsp402/drive/client.py",
     "dsp402/drive/images.py",

@@ -21,7 +21,7 @@ _PROFINET = "profinet.ethernet profinet.model profinet.station profinet.wire"
 """Modules of ``profinet`` below its sub-packages."""
 _DS301 = (
     "ds301.aborts ds301.communication ds301.configuration ds301.counters ds301.emcy ds301.objects ds301.pdo "
-    "ds301.sdo_transfer ds301.values"
+    "ds301.sdo_frames ds301.sdo_transfer ds301.values"
 )
 """Modules of ``ds301`` below its sub-packages."""
 _DSP402 = "dsp402.acting dsp402.drive_type dsp402.modes dsp402.objects dsp402.states"

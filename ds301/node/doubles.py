@@ -12,7 +12,7 @@ from typing import Final
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.pdo import Pdo
-from pdgw.ds301.sdo_transfer import ABORT, BLOCK_SINK, BLOCK_SOURCE, COMMAND, CONFIRM, DOWNLOAD, UPLOAD, address_in
+from pdgw.ds301.sdo_frames import ABORT, BLOCK_SINK, BLOCK_SOURCE, COMMAND, CONFIRM, DOWNLOAD, UPLOAD, address_in
 
 _REQUESTS: Final = (DOWNLOAD, UPLOAD)
 _RESPONSES: Final = (CONFIRM, UPLOAD)

@@ -19,7 +19,8 @@ from pdgw.ds301.communication import SDO_RESPONSE
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.doubles import Doubles
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.sdo_transfer import ABORT, EXPEDITED_SIZE, Download, Transfer, Upload, address_in
+from pdgw.ds301.sdo_frames import ABORT, EXPEDITED_SIZE, address_in
+from pdgw.ds301.sdo_transfer import Download, Transfer, Upload
 
 log = logging.getLogger("gateway")
 

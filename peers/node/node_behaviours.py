@@ -16,7 +16,7 @@ from pdgw.base.durations import MS
 from pdgw.ds301 import communication as com
 from pdgw.ds301.communication import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
-from pdgw.ds301.sdo_transfer import COMMAND, CONFIRM, DOWNLOAD, EXPEDITED, SEGMENT, SIZE, TOGGLE, UPLOAD
+from pdgw.ds301.sdo_frames import COMMAND, CONFIRM, DOWNLOAD, EXPEDITED, SEGMENT, SIZE, TOGGLE, UPLOAD
 from pdgw.peers.node.behaviour import Behaviour, catalogue
 from pdgw.peers.node.lss import LssSlave
 from pdgw.peers.node.object_behaviours import OBJECT_BEHAVIOURS

@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.sdo_transfer import FRAME_SIZE, Download, SdoServer, Transfer, Upload
+from pdgw.ds301.sdo_frames import FRAME_SIZE
+from pdgw.ds301.sdo_transfer import Download, SdoServer, Transfer, Upload
 
 INDEX, SUBINDEX = 0x2100, 3
 ADDRESS = b"\x00\x21\x03"

@@ -15,7 +15,7 @@ from pdgw.ds301.communication import SYNC_COUNTER, SYNC_PERIOD, NmtCommand, NmtS
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.node.node import Notice
 from pdgw.ds301.objects import Access, CanType, Entry
-from pdgw.ds301.sdo_transfer import ABORT
+from pdgw.ds301.sdo_frames import ABORT
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings

@@ -11,7 +11,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, NmtState
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.ds301.node.plan import Pace, PdoPlan, PlannedPdo
-from pdgw.ds301.sdo_transfer import COMMAND, DOWNLOAD, UPLOAD, address_in, address_of
+from pdgw.ds301.sdo_frames import COMMAND, DOWNLOAD, UPLOAD, address_in, address_of
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, MODE, MODE_DISPLAY, STATUS_ATTRIBUTE
 from pdgw.dsp402.states import State, next_state, state_of

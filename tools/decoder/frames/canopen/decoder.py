@@ -36,7 +36,7 @@ from pdgw.ds301.communication import (
 from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter, pdo_of
-from pdgw.ds301.sdo_transfer import FRAME_SIZE
+from pdgw.ds301.sdo_frames import FRAME_SIZE
 from pdgw.dsp402.identification.overlay import entries_of, families_of
 from pdgw.dsp402.pdo.layouts import with_objects
 from pdgw.profidrive.telegrams import ApplicationMode, telegram

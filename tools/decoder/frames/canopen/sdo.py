@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.ds301.aborts import Abort, SdoAbortedError
-from pdgw.ds301.sdo_transfer import (
+from pdgw.ds301.sdo_frames import (
     ABORT,
     ACKNOWLEDGE,
     BLOCK_SINK,
