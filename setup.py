@@ -89,6 +89,7 @@ COMPILED = (
     "profidrive/sign_of_life.py",
     "profidrive/normalisation.py",
     "profinet/alarms/diagnosis.py",
+    "profinet/connection/application_relation.py",
     "profinet/connection/cmdev.py",
     "profinet/connection/cpm.py",
     "profinet/connection/ppm.py",

@@ -21,7 +21,8 @@ from pdgw.profinet.blocks.connect_blocks import (
     IocrBlockRes,
 )
 from pdgw.profinet.blocks.control import ANSWERS, COMMANDS, ControlBlock, ControlCommand, PrmEndReq, ReleaseReq
-from pdgw.profinet.connection.cmdev import Address, ApplicationRelation, CyclicCounters, Event, Output
+from pdgw.profinet.connection.application_relation import Address, ApplicationRelation, CyclicCounters, Output
+from pdgw.profinet.connection.cmdev import Event
 from pdgw.profinet.connection.connect import (
     AR_UNKNOWN,
     ARGS_LENGTH,

@@ -19,7 +19,8 @@ from pdgw.profinet.alarms.apmx import ALARM_FRAME_IDS
 from pdgw.profinet.alarms.diagnosis import NO_SUBTYPE, Diagnosis
 from pdgw.profinet.blocks.alarm import Severity
 from pdgw.profinet.cm import ContextManager
-from pdgw.profinet.connection.cmdev import Address, ApplicationRelation, Ended, Event
+from pdgw.profinet.connection.application_relation import Address, ApplicationRelation, Ended
+from pdgw.profinet.connection.cmdev import Event
 from pdgw.profinet.discovery import dcp, lldp
 from pdgw.profinet.discovery.dcp import DcpResponder, Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.model import DeviceModel, Subslot

@@ -23,7 +23,7 @@ from pdgw.profinet.alarms.apmx import PDU, PduType
 from pdgw.profinet.blocks.alarm import ACKS, NOTIFICATIONS, AlarmNotification, Priority
 from pdgw.profinet.blocks.connect_blocks import AlarmCrBlockRes, ArBlockRes, IocrBlockRes, IocrType, ModuleDiffBlock
 from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, ControlCommand, PrmEndReq, ReleaseReq
-from pdgw.profinet.connection.cmdev import Address
+from pdgw.profinet.connection.application_relation import Address
 from pdgw.profinet.connection.cpm import Consumer
 from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.discovery import dcp

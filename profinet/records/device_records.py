@@ -31,7 +31,7 @@ from pdgw.profinet.wire import WireError
 
 if TYPE_CHECKING:
     from pdgw.profinet.alarms.diagnosis import Diagnosis
-    from pdgw.profinet.connection.cmdev import ApplicationRelation
+    from pdgw.profinet.connection.application_relation import ApplicationRelation
     from pdgw.profinet.station import Station
 
 _STORED_MAX = 1024

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 from pdgw.profinet.wire import Block, rest, u8, u16
 
 if TYPE_CHECKING:
-    from pdgw.profinet.connection.cmdev import ApplicationRelation
+    from pdgw.profinet.connection.application_relation import ApplicationRelation
     from pdgw.profinet.model import Subslot
 
 _SUBSTITUTE_ZERO = 0

@@ -10,7 +10,8 @@ from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.steps import Remedy
 from pdgw.profidrive.frame import STATUS_NORMAL
 from pdgw.profinet.blocks.connect_blocks import ExpectedSlot, IocrType
-from pdgw.profinet.connection.cmdev import ApplicationRelation, Ended, State
+from pdgw.profinet.connection.application_relation import ApplicationRelation, Ended
+from pdgw.profinet.connection.cmdev import State
 from pdgw.profinet.connection.cpm import STATUS_IGNORE, Consumer, Verdict
 from pdgw.profinet.device import Refused
 from pdgw.profinet.model import ACCESS_POINT_IDENT, TELEGRAM_IDENT, Module, ObjectKind, Submodule

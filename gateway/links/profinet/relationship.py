@@ -11,7 +11,7 @@ from pdgw.gateway.links.cyclic import control_mask
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.profidrive.telegrams import Telegram
-from pdgw.profinet.connection.cmdev import ApplicationRelation
+from pdgw.profinet.connection.application_relation import ApplicationRelation
 from pdgw.profinet.connection.cpm import Consumer
 from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.model import TELEGRAM_SUBSLOT

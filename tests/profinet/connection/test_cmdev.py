@@ -17,18 +17,13 @@ from pdgw.profinet.alarms.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.blocks.connect_blocks import IocrType, ModuleDiffBlock
 from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlCommand, PrmBeginReq, PrmEndReq, ReleaseReq
-from pdgw.profinet.connection import cmdev
-from pdgw.profinet.connection.cmdev import (
-    ABORTS,
+from pdgw.profinet.connection.application_relation import (
+    CONTROL_OPERATION,
     READY_ATTEMPTS,
     READY_INTERVAL_NS,
-    TABLE,
-    AbortCode,
-    Action,
     ApplicationRelation,
-    Event,
-    State,
 )
+from pdgw.profinet.connection.cmdev import ABORTS, TABLE, AbortCode, Action, Event, State
 from pdgw.profinet.connection.connect import plan
 from pdgw.profinet.device import Disconnected
 from pdgw.profinet.rpc import dcerpc
@@ -460,7 +455,7 @@ def test_only_the_controllers_own_answer_confirms_application_ready() -> None:
     assert item.state is State.CONFIRMING
     ar = item.plan.ar
     right = ApplicationReadyRes(ar_uuid=ar.ar_uuid, session_key=ar.session_key, command=ControlCommand.DONE)
-    header = dcerpc.RpcHeader(dcerpc.PacketType.RESPONSE, INITIATOR, item.activity, 0, cmdev.CONTROL_OPERATION)
+    header = dcerpc.RpcHeader(dcerpc.PacketType.RESPONSE, INITIATOR, item.activity, 0, CONTROL_OPERATION)
 
     def confirm(host: str, header: dcerpc.RpcHeader, body: bytes) -> None:
         wire.device.on_datagram(
@@ -494,7 +489,7 @@ def test_unconfirmed_application_ready_ends_the_relationship(status: int, change
     item = wire.device.relation
     assert item is not None
     right = ApplicationReadyRes(ar_uuid=AR_UUID, session_key=item.plan.ar.session_key, command=ControlCommand.DONE)
-    header = RpcHeader(PacketType.RESPONSE, INITIATOR, item.activity, 0, cmdev.CONTROL_OPERATION)
+    header = RpcHeader(PacketType.RESPONSE, INITIATOR, item.activity, 0, CONTROL_OPERATION)
     body = encode_arguments(status, replace(right, **changes).encode(), 4096, little=True)
     wire.device.on_datagram(dcerpc.encode_packet(header, body), (PLC_IP, 1), 0)
     wire.events += wire.device.events()
