@@ -236,7 +236,11 @@ class RpdoSender(Part):
         set_point: SetPoint | None = None
         if allowed.controlword & _NEW_SETPOINT:
             set_point = self.set_point or SetPoint()
-            started = self._started(allowed, set_point, complete, now, stop=stop)
+            missing = [] if set_point.sent else [values for values in rpdos.written if values.written != values.newest]
+            if missing and not set_point.refused:
+                self._hold(set_point, missing, now)
+            ready = complete and not missing and not set_point.refused
+            started = self._started(allowed, set_point, now, ready=ready, stop=stop)
         self.set_point = set_point
         sent = started is not None and self._put(rpdos.control, rpdos.control.pdo.pack(started), now)
         if sent and set_point is not None and started is allowed:
@@ -253,9 +257,12 @@ class RpdoSender(Part):
         return _changed(command, word, velocity if self._mode.awaited is None else 0)
 
     def _started(
-        self, command: DriveCommand, set_point: SetPoint, complete: bool, now: int, *, stop: bool
+        self, command: DriveCommand, set_point: SetPoint, now: int, *, ready: bool, stop: bool
     ) -> DriveCommand | None:
-        """The command, or the one without its new setpoint while data of it is missing; None: the Controlword waits, too."""
+        """The command, or the one without its new setpoint while data of it is missing; None: the Controlword waits, too.
+
+        ``ready``: all data of the setpoint in other RPDOs is sent, and all that has no RPDO is written.
+        """
         rpdos = self._rpdos
         if set_point.sent:
             # Dropped: the drive may have this edge, or start with it before its data acts.
@@ -263,8 +270,7 @@ class RpdoSender(Part):
         without = _changed(command, command.controlword & ~_NEW_SETPOINT, command.target_velocity)
         # The data in the same RPDO is sent one cycle before the edge.
         early = rpdos.starts_early and rpdos.control.pdo.pack(without) != rpdos.control.last
-        complete = complete and not early and not self._awaits_sync(now)
-        return command if self._may_start(set_point, complete, now) else without
+        return command if ready and not early and not self._awaits_sync(now) else without
 
     def _awaits_sync(self, now: int) -> bool:
         """The SYNC of the data of this command was not sent yet, or may wait itself."""
@@ -289,26 +295,20 @@ class RpdoSender(Part):
                 self._may_send = self.all_sent = False
         return data == sender.last
 
-    def _may_start(self, set_point: SetPoint, sent: bool, now: int) -> bool:
-        """Whether the data of a new setpoint is in the drive: all ``sent`` by RPDO and written by SDO."""
-        if set_point.refused:
-            return False
-        missing = [values for values in self.written if values.written != values.newest]
-        if not missing:
-            return sent
+    def _hold(self, set_point: SetPoint, missing: list[_Values], now: int) -> None:
+        """Wait for data of a new setpoint that is written by SDO, and refuse the setpoint if the drive does not get it."""
         if set_point.held_since < 0:
             set_point.held_since = now
             for values in missing:
                 values.refused = None  # a new setpoint allows a new attempt
             self._wake()
-            return False
+            return
         refused = [values.error for values in missing if values.refused == values.newest]
         limit_ns = self._rpdos.hold_limit_ns
         if refused or now - set_point.held_since > limit_ns:
             set_point.refused = True
             cause = refused[0] if refused else f"data not written within {limit_ns // MS} ms"
             self._notify(Notice.SET_POINT_REFUSED, f"not started: {cause}")
-        return False
 
     @property
     def _held_since(self) -> int:
