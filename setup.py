@@ -98,8 +98,9 @@ COMPILED = (
 )
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's, an
 interpreted class derived from a compiled one, a value of another type than declared, ``...`` as a default, a constant tuple of
-floats, bytes with a slice from a constant, two handlers of compiled exceptions with one name, the address of a local variable,
-which is released after its last use. A constant is ``Final``, or it is looked up by its name in every cycle."""
+floats, a generic dataclass, ``object`` as the type of a field of a dataclass or named tuple, bytes with a slice from a constant,
+two handlers of compiled exceptions with one name, the address of a local variable, which is released after its last use.
+A constant is ``Final``, or it is looked up by its name in every cycle."""
 SOAK = (
     "gateway/daemon/sync.py",
     "peers/drive/model/[!_]*.py",

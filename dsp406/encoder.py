@@ -19,6 +19,7 @@ from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
 from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.emcy import emcy_text
+from pdgw.ds301.node.bring_up import NodeSetup
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeNotice, Notice
@@ -93,7 +94,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.parameters: EncoderParameters | None = None
         """Read while configuring; None before."""
         self._sheet = sheet = EncoderSheet(settings)
-        super().__init__(network, settings, sheet.layout, sheet.dictionary, self.feedback.image, on_event, _text_of)
+        image = self.feedback.image
+        super().__init__(NodeSetup(network, settings, sheet.layout, sheet.dictionary, image, on_event, _text_of))
         self._diagnosis = Diagnosis(self.sdo, self.feedback, lambda: self.settings.diagnosis_ms * MS)
         self.parts = (self._polled, self._diagnosis)
         self.emergencies.on_frame = self._diagnosis.on_emergency

@@ -10,7 +10,7 @@ import abc
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import ClassVar, Final, Generic, TypeVar
+from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
 import canopen
 
@@ -60,40 +60,47 @@ _NOTICES: Final = {
 """What a status is to the owner; a loss is that of the node or of its bus."""
 
 
+class NodeSetup(NamedTuple, Generic[S]):
+    """What the client of one node is made of, by its device profile."""
+
+    network: CanNetwork
+    settings: S
+    layout: PdoLayout
+    """The objects to transfer, with their preferred PDOs."""
+    dictionary: canopen.ObjectDictionary
+    """Its data sheet."""
+    image: Any
+    """Takes the values of its TPDOs."""
+    on_event: Callable[[NodeNotice], None]
+    """Called whenever something happens to the node that the owner must know."""
+    emergency_text: Callable[[int], str] = emcy_text
+    """The meaning of an error code in its EMCY messages."""
+
+
 class BringUp(abc.ABC, Generic[S]):
-    """That of one node, as often as it starts. ``on_event`` is called whenever something happens that the owner must know."""
+    """That of one node, as often as it starts."""
 
     kind: ClassVar[DeviceKind]
     unknown: ClassVar[Mapping[str, int]] = MappingProxyType({})
     """Values of the image for objects that are read by SDO and old, by attribute; the others keep the last value."""
 
-    def __init__(
-        self,
-        network: CanNetwork,
-        settings: S,
-        layout: PdoLayout,
-        dictionary: canopen.ObjectDictionary,
-        image: object,
-        on_event: Callable[[NodeNotice], None],
-        emergency_text: Callable[[int], str] = emcy_text,
-    ) -> None:
+    def __init__(self, setup: NodeSetup[S]) -> None:
+        network, settings = setup.network, setup.settings
         self.loop = network.loop
         self.network = network
-        self.sdo = ConfiguringAccess(network, settings.node_id, dictionary, self.kind)
+        self.sdo = ConfiguringAccess(network, settings.node_id, setup.dictionary, self.kind)
         """Access to its objects, in its task."""
         self.sdo.set_timeout(settings.sdo_timeout_ms * MS, slow=False)
         self.configuration = DeviceConfiguration(partial(self._notify, Notice.PROGRESS))
         """The values of its files, and what is known of its device."""
         self._value_writer = ValueWriter(self.sdo)
         self.settings = settings
-        self.layout = layout
-        """The objects to transfer, with their preferred PDOs."""
-        self._image = image
-        """Takes the values of its TPDOs."""
+        self.layout = setup.layout
+        self._image = setup.image
         self._mapper = PdoMapper(network, self.sdo)
         self.plan: PdoPlan | None = None
         """The PDOs of this node with their contents; None before its first start."""
-        self.on_event = on_event
+        self.on_event = setup.on_event
         self.status = NodeStatus.OFFLINE
         self.cause = Cause(NOT_STARTED)
         self.refusal: Cause | None = None
@@ -106,11 +113,11 @@ class BringUp(abc.ABC, Generic[S]):
         """The objects that are read by SDO."""
         self._wake = Event(self.loop)
         """Something for the node's task: a job, a loss, another layout."""
-        self._polled = PolledObjects(self.sdo, self.polling, image, self.unknown, self._wake.set)
+        self._polled = PolledObjects(self.sdo, self.polling, setup.image, self.unknown, self._wake.set)
         self.parts: tuple[Part, ...] = (self._polled,)
         """What is done beside the PDOs, in this order."""
         self.heartbeat = Heartbeat(network, settings.node_id, self.sdo.doubles)
-        self.emergencies = Emergencies(network, settings.node_id, emergency_text, on_event)
+        self.emergencies = Emergencies(network, settings.node_id, setup.emergency_text, setup.on_event)
         self._booted = Event(self.loop)
         self._reconfigure = False
         """The owner has another layout or other settings."""

@@ -13,11 +13,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Final, Self, TypeVar
 
-import canopen
-
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
-from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     DEVICE_TYPE,
     ERROR_CONTROL,
@@ -25,13 +22,12 @@ from pdgw.ds301.communication import (
     SDO_REQUEST,
     NmtCommand,
 )
-from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Task
-from pdgw.ds301.node.bring_up import NOT_STARTED, BringUp, S
+from pdgw.ds301.node.bring_up import NOT_STARTED, BringUp, NodeSetup, S
 from pdgw.ds301.node.heartbeat import OFTEN
 from pdgw.ds301.node.losses import Losses
-from pdgw.ds301.node.node import Cause, Loss, Lost, NodeNotice, NodeStatus, Notice
+from pdgw.ds301.node.node import Cause, Loss, Lost, NodeStatus, Notice
 from pdgw.ds301.node.operation import NEVER, Unconfirmed
 from pdgw.ds301.pdo import PdoDirection, PdoLayout
 
@@ -50,19 +46,11 @@ _ONLINE: Final = NodeStatus.ONLINE
 
 
 class NodeClient(BringUp[S]):
-    """One node. ``on_event`` is called whenever something happens to it that the owner must know."""
+    """One node, supervised."""
 
-    def __init__(
-        self,
-        network: CanNetwork,
-        settings: S,
-        layout: PdoLayout,
-        dictionary: canopen.ObjectDictionary,
-        image: object,
-        on_event: Callable[[NodeNotice], None],
-        emergency_text: Callable[[int], str] = emcy_text,
-    ) -> None:
-        super().__init__(network, settings, layout, dictionary, image, on_event, emergency_text)
+    def __init__(self, setup: NodeSetup[S]) -> None:
+        super().__init__(setup)
+        network, settings = setup.network, setup.settings
         self.command: Callable[[int, int, bytes], None] = self.sdo.write
         """In a job: SDO write of a value that the owner commands: index, subindex and data."""
         self.write_for_client: Callable[[int, int, bytes], None] = self.sdo.write

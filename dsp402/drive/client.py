@@ -29,6 +29,7 @@ from pdgw.ds301.communication import (
 )
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.eds.importer import load_dictionary
+from pdgw.ds301.node.bring_up import NodeSetup
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeNotice, NodeStatus, Notice
@@ -101,7 +102,7 @@ class DriveClient(NodeClient[DriveSettings]):
         node_id = settings.node_id
         dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
         self.feedback = feedback = DriveFeedback()
-        super().__init__(network, settings, layout, dictionary, feedback, on_event)
+        super().__init__(NodeSetup(network, settings, layout, dictionary, feedback, on_event))
         sdo = self.sdo
         self.drive_type: DriveType | None = None
         """The type of the drive, made again at each start and after a write to an object it depends on."""
