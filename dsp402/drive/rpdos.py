@@ -285,15 +285,16 @@ class RpdoSender(Part):
         due = now - sender.time >= self._rpdos.refresh_ns
         if self.has_turn and sender.time >= self._commanded_at:
             due = False  # sent for this command: the next free slot is for the rest
-        if data != sender.last or due:
-            if self._may_send and self._network.put(sender.cob_id, data):
-                if data != sender.last:
-                    sender.changed = now
-                sender.last = data
-                sender.time = now
-            else:
+        changed = data != sender.last
+        if changed or due:
+            if not self._may_send or not self._network.put(sender.cob_id, data):
                 self._may_send = self.all_sent = False
-        return data == sender.last
+                return not changed
+            if changed:
+                sender.changed = now
+                sender.last = data
+            sender.time = now
+        return True
 
     def _hold(self, set_point: SetPoint, missing: list[_Values], now: int) -> None:
         """Wait for data of a new setpoint that is written by SDO, and refuse the setpoint if the drive does not get it."""
