@@ -71,7 +71,12 @@ class BusHealth:
         """Number of outages."""
         self.doubted = False
         """The bus may not work: ``received`` and ``taken`` have to be called."""
-        self._bus_off = False
+        self.error_frames = 0
+        self.error_passive = 0
+        """Error frames that report it,"""
+        self.bus_off = 0
+        """and those that report bus-off."""
+        self._is_off = False
         """The controller reported bus-off, and has not reported another state since."""
         self._busy_since = -1
         self._one_way_since = -1
@@ -94,12 +99,15 @@ class BusHealth:
             if self._one_way_since < 0:
                 self._one_way_since = now
         else:
-            self.outage, self._bus_off = None, False
+            self.outage, self._is_off = None, False
             self.doubted = False
 
-    def error(self, now: int, *, bus_off: bool) -> None:
+    def error(self, now: int, *, bus_off: bool, passive: bool = False) -> None:
         """The controller has reported an error."""
-        self._error, self._bus_off = now, bus_off
+        self.error_frames += 1
+        self.error_passive += passive
+        self.bus_off += bus_off
+        self._error, self._is_off = now, bus_off
         if bus_off:
             self._fail(Outage.BUS_OFF)
 
@@ -108,7 +116,7 @@ class BusHealth:
         self.doubted = True
         if self._busy_since < 0:
             self._busy_since = now
-        elif now - self._busy_since >= BUSY_NS and not self._bus_off:
+        elif now - self._busy_since >= BUSY_NS and not self._is_off:
             # The first frame of a device that was off comes before the interface has sent what waits.
             since = now if self.outage is None else now - BUSY_NS
             alone = Outage.UNACKNOWLEDGED if self._error else Outage.QUIET
@@ -117,7 +125,7 @@ class BusHealth:
     def lost(self) -> None:
         """The interface does not work any more."""
         self.taken()
-        self._bus_off = False
+        self._is_off = False
         self._fail(Outage.INTERFACE)
 
     def _fail(self, outage: Outage) -> None:

@@ -52,8 +52,22 @@ _FUNCTION: Final = 0x780
 UNUSED: Final = 0
 """Instead of a node-ID."""
 _TO_REQUEST: Final = SDO_REQUEST - SDO_RESPONSE
-_OPEN_NS: Final = 1_000 * MS
-"""An SDO request is open for this time at most."""
+
+
+class _Interface:
+    """The interface of a bus from its opening until it is lost or closed, and what waits for room in it."""
+
+    def __init__(self, port: CanPort, put: Callable[[int, bytes], bool]) -> None:
+        self.port = port
+        self.listens = True
+        """The port delivers frames when they arrive; False: they wait for ``take``."""
+        self.send_queue = SendQueue()
+        self.first_frames = FrameQueue(put)
+        """NMT commands, heartbeat, node guarding."""
+        self.frames = FrameQueue(put)
+        """SDO requests and SYNC."""
+        self.refused_at = 0
+        """When it had no room last."""
 
 
 class CanNetwork(Receiver):
@@ -64,25 +78,14 @@ class CanNetwork(Receiver):
         self.name = name
         self.node_id = node_id
         """The gateway's own on this bus."""
-        self._log_fields = {"event": "bus", "bus": name}
-        """For who collects the log."""
         self.bring_ups = Turns(loop, _BRING_UPS)
         """Nodes that are configured at a time."""
         self._sdo = SdoQueue(loop, self.send)
-        self._asked: set[int] = set()
-        """The COB-IDs of SDO requests that are not answered,"""
-        self._asked_until = 0
-        """before this time."""
-        self._listens = True
-        """The port delivers frames when they arrive; False: they wait for ``take``."""
         self.sent = 0
         self.received = 0
         self.send_errors = 0
         self.waits = 0
-        self.error_frames = 0
         self.lost = 0
-        self.bus_off = 0
-        self.error_passive = 0
         self.health = BusHealth()
         self.bitrate = DEFAULT_BITRATE
         self._reported: Outage | None = None
@@ -97,12 +100,6 @@ class CanNetwork(Receiver):
         """Called with every frame, at the lowest cost."""
         self.waiting = False
         """Senders wait for room: senders without a stop wait after them."""
-        self._send_queue = SendQueue()
-        self._first_frames = FrameQueue(self.put)
-        """NMT commands, heartbeat, node guarding."""
-        self._frames = FrameQueue(self.put)
-        """SDO requests and SYNC."""
-        self._refused_at = 0
         self._pdos: dict[int, PdoReceiver] = {}
         self._subscribers: dict[int, list[PdoCallback]] = {}
         self._nodes_seen: dict[int, int] = {}
@@ -120,13 +117,14 @@ class CanNetwork(Receiver):
         """Called with the text when the bus is lost, for another reason, or back."""
         self.syncs = 0
         """SYNC of the gateway, and of other senders that are claimed."""
-        self._port: CanPort | None = opener()
+        self._interface: _Interface | None = _Interface(opener(), self.put)
+        """None while it is lost."""
         self._started = False
         self._reopening = Reopening(loop, name, opener, self._take_port)
         self._register_counters()
 
     def _register_counters(self) -> None:
-        add, part = self.loop.counters.add, f"bus {self.name}"
+        add, part, health = self.loop.counters.add, f"bus {self.name}", self.health
         add(part, "sent", "frames", "accepted by the interface", lambda: self.sent)
         add(part, "received", "frames", "received from other nodes", lambda: self.received)
         add(part, "syncs", "frames", "SYNC of the gateway and of other senders", lambda: self.syncs)
@@ -138,16 +136,16 @@ class CanNetwork(Receiver):
             lambda: self.send_errors,
         )
         add(part, "waits", "times", "the interface was full; frames wait until it has room", lambda: self.waits)
-        add(part, "error_frames", "messages", "error frames of the CAN controller", lambda: self.error_frames)
-        add(part, "error_passive", "messages", "the CAN controller became error-passive", lambda: self.error_passive)
-        add(part, "bus_off", "messages", "the CAN controller went bus-off", lambda: self.bus_off)
+        add(part, "error_frames", "messages", "error frames of the CAN controller", lambda: health.error_frames)
+        add(part, "error_passive", "messages", "the CAN controller became error-passive", lambda: health.error_passive)
+        add(part, "bus_off", "messages", "the CAN controller went bus-off", lambda: health.bus_off)
         add(part, "lost", "times", "interface lost; the gateway opens it again", lambda: self.lost)
 
     def start(self) -> None:
         """Take frames from now on."""
         self._started = True
-        if self._port is not None:
-            self._port.start(self)
+        if self._interface is not None:
+            self._interface.port.start(self)
 
     def close(self) -> None:
         """Release the interface for good."""
@@ -156,9 +154,9 @@ class CanNetwork(Receiver):
         self._reopening.cancel()
         self._floods.cancel()
         self._sdo.clear()
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+        if self._interface is not None:
+            self._interface.port.close()
+            self._interface = None
 
     def subscribe_pdo(self, cob_id: int, receiver: PdoReceiver | PdoCallback) -> None:
         """Route frames of this COB-ID to ``receiver`` only."""
@@ -219,16 +217,16 @@ class CanNetwork(Receiver):
 
     def listen(self, now: int, *, on: bool) -> None:
         """Whether frames are received when they arrive (the beginning), or may wait for ``take``: not while an SDO is open."""
-        if self._asked and now < self._asked_until:
-            on = True
-        if on is not self._listens and self._port is not None:
-            self._listens = on
-            self._port.listen(on=on)
+        interface = self._interface
+        if interface is not None and on is not interface.listens and (on or not self._sdo.awaits_answer(now)):
+            interface.listens = on
+            interface.port.listen(on=on)
 
     def take(self, now: int) -> None:
         """Receive the frames that have waited."""
-        if not self._listens and self._port is not None:
-            self._port.take(now)
+        interface = self._interface
+        if interface is not None and not interface.listens:
+            interface.port.take(now)
 
     def send(self, cob_id: int, data: bytes) -> bool:
         """Send a frame, or queue it until the interface has room; True if the interface accepted it at once.
@@ -237,15 +235,18 @@ class CanNetwork(Receiver):
         """
         if cob_id == NMT or cob_id & _FUNCTION == ERROR_CONTROL:
             return self.send_first(cob_id, data)
-        return not self.waiting and self.put(cob_id, data) or self._queue(self._frames, cob_id, data, stop=False)
+        return not self.waiting and self.put(cob_id, data) or self._queue(cob_id, data, stop=False)
 
     def send_first(self, cob_id: int, data: bytes) -> bool:
         """As ``send``, before all that does not stop anything."""
-        frames = self._first_frames
-        return not frames and self.put(cob_id, data) or self._queue(frames, cob_id, data, stop=True)
+        interface = self._interface
+        is_next = interface is None or not interface.first_frames
+        return is_next and self.put(cob_id, data) or self._queue(cob_id, data, stop=True)
 
-    def _queue(self, frames: FrameQueue, cob_id: int, data: bytes, *, stop: bool) -> bool:
-        if self._port is not None:
+    def _queue(self, cob_id: int, data: bytes, *, stop: bool) -> bool:
+        interface = self._interface
+        if interface is not None:
+            frames = interface.first_frames if stop else interface.frames
             if frames.add(cob_id, data):
                 self.wait(frames, stop=stop)
             else:
@@ -264,8 +265,7 @@ class CanNetwork(Receiver):
     def request_sdo(self, node_id: int, data: bytes, *, first: bool) -> None:
         """Send a request, and receive its answer when it arrives. ``first``: as ``send_first``, else as ``send_acyclic``."""
         cob_id, now = SDO_REQUEST + node_id, self.loop.now()
-        self._asked.add(cob_id)
-        self._asked_until = now + _OPEN_NS
+        self._sdo.ask(cob_id, now)
         self.listen(now, on=True)
         (self.send_first if first else self.send_acyclic)(cob_id, data)
 
@@ -278,22 +278,22 @@ class CanNetwork(Receiver):
 
     def put(self, cob_id: int, data: bytes) -> bool:
         """Hand a frame to the interface now; False when it has no room or is lost. For senders whose turn it is."""
-        port = self._port
-        if port is None:
+        interface = self._interface
+        if interface is None:
             self.send_errors += 1
             return False
         try:
-            port.send(cob_id, data)
+            interface.port.send(cob_id, data)
         except PortBusyError:
             self.waits += 1
-            self._note_busy()
+            self._note_busy(interface)
             return False
         except PortLostError as error:
             self.send_errors += 1
-            port.close()
+            interface.port.close()
             self.on_lost(str(error))
             return False
-        if self.health.doubted:
+        if self._examines:
             self.health.taken()
         self.sent += 1
         if self.tap is not None:
@@ -307,11 +307,12 @@ class CanNetwork(Receiver):
 
         ``stop``: before all that does not stop anything.
         """
-        if self._port is None:
+        interface = self._interface
+        if interface is None:
             return
-        self._send_queue.add(sender, stop=stop)
+        interface.send_queue.add(sender, stop=stop)
         self.waiting = True
-        if self.loop.now() - self._refused_at >= _ASK_AGAIN_NS:
+        if self.loop.now() - interface.refused_at >= _ASK_AGAIN_NS:
             self.on_room()
 
     def request(self, cob_id: int) -> bool:
@@ -320,8 +321,8 @@ class CanNetwork(Receiver):
 
     def drop_waiting(self) -> None:
         """Drop unsent frames: earlier commands must not reach a lost node after its stop. Those to others are sent again."""
-        if self._port is not None:
-            self._port.drop()
+        if self._interface is not None:
+            self._interface.port.drop()
         for send_again in self.on_drop:
             send_again()
 
@@ -342,13 +343,13 @@ class CanNetwork(Receiver):
 
     def examine(self) -> None:
         """A node is silent, or no frame goes out: does another sender fill the bus? Repeated while it does."""
-        if self._port is not None:
+        if self._interface is not None:
             self._floods.examine()
 
     def _report_flood(self, text: str, found: bool) -> None:
         text = f"bus {self.name}: {text}"
         if found:
-            log.error("CAN %s", text, extra=self._log_fields)
+            log.error("CAN %s", text, extra=self._reopening.log_fields)
         self.log_event(text)
 
     # -- events of the port ---------------------------------------------------------------------------------------------
@@ -371,7 +372,8 @@ class CanNetwork(Receiver):
             return
         if can_id > ERROR_CONTROL and can_id & _FUNCTION == ERROR_CONTROL:
             self._nodes_seen.setdefault(can_id - ERROR_CONTROL, now)
-        self._asked.discard(can_id + _TO_REQUEST)
+        else:
+            self._sdo.asked.discard(can_id + _TO_REQUEST)
         for receive in self._subscribers.get(can_id, ()):
             receive(data, now)
 
@@ -389,26 +391,19 @@ class CanNetwork(Receiver):
 
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         """A single disturbed frame is repeated by the controller; only bus-off ends the traffic."""
-        self.error_frames += 1
         if self.tap is not None:
             kind = ERROR_BUS_OFF if bus_off else ERROR_CONTROLLER if passive else 0
             self.tap.frame(ERROR | kind, bytes(8), self.loop.now())
-        if passive:
-            self.error_passive += 1
-        if bus_off:
-            self.bus_off += 1
-        self.health.error(self.loop.now(), bus_off=bus_off)
+        self.health.error(self.loop.now(), bus_off=bus_off, passive=passive)
         self._note_evidence()
 
     def on_room(self) -> None:
         """The interface takes frames again."""
-        self.waiting = not self._send_queue.flush()
+        self.waiting = self._interface is not None and not self._interface.send_queue.flush()
 
     def on_lost(self, text: str) -> None:
         """The interface is lost: report it, and open it again when it is back."""
-        self._port, self._listens = None, True
-        for queue in (self._send_queue, self._first_frames, self._frames):
-            queue.clear()
+        self._interface = None
         self._sdo.clear()
         self.waiting = False
         self.health.lost()
@@ -418,16 +413,17 @@ class CanNetwork(Receiver):
             self._reopening.begin()
 
     def _take_port(self, port: CanPort) -> None:
-        self._port = port
+        self._interface = _Interface(port, self.put)
         port.start(self)
 
     def on_refused(self) -> None:
         """A frame that the interface had taken did not go out."""
         self.send_errors += 1
-        self._note_busy()
+        if self._interface is not None:
+            self._note_busy(self._interface)
 
-    def _note_busy(self) -> None:
-        self._refused_at = now = self.loop.now()
+    def _note_busy(self, interface: _Interface) -> None:
+        interface.refused_at = now = self.loop.now()
         self.health.busy(now)
         self._note_evidence()
 
@@ -443,12 +439,11 @@ class CanNetwork(Receiver):
         if outage is not None:
             self.examine()
         if outage is not None and outage is not Outage.INTERFACE:  # whose line has the error of the system
-            log.error("CAN %s", text, extra=self._log_fields)
+            log.error("CAN %s", text, extra=self._reopening.log_fields)
 
     def _notify_listeners(
         self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False
     ) -> None:
-        wall_s = self.loop.wall()
-        message = message_of(can_id, data, wall_s, is_rx=is_rx, extended=extended, remote=remote)
+        message = message_of(can_id, data, self.loop.wall(), is_rx=is_rx, extended=extended, remote=remote)
         for listener in self.listeners:
             listener(message)

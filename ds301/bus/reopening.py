@@ -26,6 +26,8 @@ class Reopening:
     def __init__(self, loop: Loop, name: str, opener: Opener, take: Callable[[CanPort], None]) -> None:
         self._loop = loop
         self._name = name
+        self.log_fields = {"event": "bus", "bus": name}
+        """Of each message about the bus, for who collects the log."""
         self._opener = opener
         self._take = take
         self._pause = _FIRST_PAUSE_NS
@@ -38,14 +40,10 @@ class Reopening:
         worked, self._working = self._working, False
         if worked:
             text = f"interface lost ({text}); the gateway opens it again when it is back"
-            _log.error("CAN bus %s: %s", self._name, text, extra=self._log_fields)
+            _log.error("CAN bus %s: %s", self._name, text, extra=self.log_fields)
         else:
             _log.debug("CAN bus %s: %s", self._name, text)
         return worked
-
-    @property
-    def _log_fields(self) -> dict[str, str]:
-        return {"event": "bus", "bus": self._name}
 
     def begin(self) -> None:
         """Try after the next pause."""
@@ -72,4 +70,4 @@ class Reopening:
     def _is_back(self) -> None:
         self._working = True
         self._pause = _FIRST_PAUSE_NS
-        _log.info("CAN bus %s: interface opened again", self._name, extra=self._log_fields)
+        _log.info("CAN bus %s: interface opened again", self._name, extra=self.log_fields)

@@ -1,4 +1,4 @@
-"""SDO requests that are sent with a gap between them, so that the bus stays free for other frames."""
+"""SDO requests: which ones are open, and a gap between them, so that the bus stays free for other frames."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
+from pdgw.base.durations import MS
 from pdgw.ds301.loop.loop import Loop, Timer
 
 _LENGTH: Final = 1024
 """Requests that may wait."""
+_OPEN_NS: Final = 1_000 * MS
+"""A request is open for this time at most."""
 
 
 class SdoQueue:
@@ -20,9 +23,22 @@ class SdoQueue:
         self._send = send
         self.gap_ns = 0
         """Time between two requests; 0: they need none."""
+        self.asked: set[int] = set()
+        """The COB-IDs of requests that are not answered,"""
+        self._asked_until = 0
+        """before this time."""
         self._next = 0
         self._frames: deque[tuple[int, bytes]] = deque()
         self._due: Timer | None = None
+
+    def ask(self, cob_id: int, now: int) -> None:
+        """A request is made whose answer is to be received when it arrives."""
+        self.asked.add(cob_id)
+        self._asked_until = now + _OPEN_NS
+
+    def awaits_answer(self, now: int) -> bool:
+        """A request is open."""
+        return bool(self.asked) and now < self._asked_until
 
     def add(self, cob_id: int, data: bytes) -> bool:
         """Send a request when its time has come, unless the same one waits. False: too many wait."""

@@ -47,11 +47,6 @@ class SendQueue:
                 senders.pop(sender, None)
         return True
 
-    def clear(self) -> None:
-        """Nothing waits any more."""
-        self._stops.clear()
-        self._others.clear()
-
 
 class FrameQueue:
     """A ``Sender`` of frames that go out in their order: NMT, SDO, SYNC, heartbeat.
@@ -82,7 +77,3 @@ class FrameQueue:
                 return False
             self._frames.popleft()
         return True
-
-    def clear(self) -> None:
-        """Forget the frames."""
-        self._frames.clear()

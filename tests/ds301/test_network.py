@@ -330,10 +330,10 @@ def test_blocking_driver_does_not_block_the_loop(bus: ScriptedBus, network: CanN
 def test_only_bus_off_makes_an_error_frame_a_failure(bus: ScriptedBus, network: CanNetwork) -> None:
     bus.incoming.put(frame(0x08, bytes(8), is_error_frame=True))
     flush(bus, network)
-    assert (network.healthy, network.error_frames) == (True, 1)
+    assert (network.healthy, network.health.error_frames) == (True, 1)
     bus.incoming.put(frame(0x40, bytes(8), is_error_frame=True))
     buses.wait_for(lambda: not network.healthy, "bus-off")
-    assert (network.error_frames, network.bus_off) == (2, 1)
+    assert (network.health.error_frames, network.health.bus_off) == (2, 1)
     flush(bus, network)
     assert network.healthy
 

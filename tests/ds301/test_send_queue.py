@@ -251,8 +251,6 @@ def test_a_frame_queue_takes_a_bounded_number_of_frames() -> None:
     queue = SendQueue()
     queue.add(frames, stop=False)
     assert not queue.flush()
-    queue.clear()
-    assert queue.flush()
 
 
 # -- turns of tasks and SDO requests ----------------------------------------------------------------------------------

@@ -205,7 +205,7 @@ def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
     """Data that is repeated in each cycle does not delay it. ``full``: the bus takes the Controlword later than the data."""
     client, seen = _connected_by_sync(plant, monkeypatch, rpdo_refresh_ms=refresh_ms)
     command = DriveCommand()
-    send = plant.network._port.send
+    send = plant.network._interface.port.send
     refused = 0
 
     def send_unless_refused(can_id: int, data: bytes) -> None:
@@ -213,7 +213,7 @@ def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
             raise PortBusyError
         send(can_id, data)
 
-    monkeypatch.setattr(plant.network._port, "send", send_unless_refused)
+    monkeypatch.setattr(plant.network._interface.port, "send", send_unless_refused)
     for velocity in (100, 900, 200):
         for word in (ENABLED, START):
             command.controlword = word
@@ -280,13 +280,13 @@ def _starting(plant: Plant, refused: int) -> Iterator[tuple[DriveClient, DriveCo
     command = DriveCommand()
     command.controlword = ENABLED
     client.send(command, site.now())
-    before = plant.network._port
-    plant.network._port = port = _PartlyFull(refused)  # type: ignore[assignment]
+    before = plant.network._interface.port
+    plant.network._interface.port = port = _PartlyFull(refused)  # type: ignore[assignment]
     command.controlword = START
     try:
         yield client, command, port
     finally:
-        plant.network._port = before
+        plant.network._interface.port = before
 
 
 def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant) -> None:

@@ -209,7 +209,7 @@ def test_nothing_that_waited_starts_the_only_drive_when_its_power_returns(outage
             drive.do(lambda node: node.power_off())
             drive.do(lambda node: node.model.watchers.append(states.append))
             world.loop.run_for(outage_ms * MS)
-            assert (network.error_passive, network.bus_off, controller.bus_off) == (1, 0, False)
+            assert (network.health.error_passive, network.health.bus_off, controller.bus_off) == (1, 0, False)
             assert controller.queue
             drive.do(lambda node: node.restart())
             until(daemon, lambda: network.healthy and not controller.queue, "the frames that waited")

@@ -50,7 +50,7 @@ def _heard(config: CanConfig, platform: Platform | None) -> str:
     try:
         with opened(config, platform) as network:
             complete(network.loop, lambda: network.loop.sleep(_LISTEN_NS))
-            frames, errors = network.received, network.error_frames
+            frames, errors = network.received, network.health.error_frames
     except CanopenError as error:
         return str(error)
     if frames:
@@ -61,11 +61,11 @@ def _heard(config: CanConfig, platform: Platform | None) -> str:
 def hints(network: CanNetwork, bitrate: int | None) -> Iterator[str]:
     """What to try when no device was found."""
     rate = bitrate or DEFAULT_BITRATE
-    if network.error_frames or network.bus_off or network.error_passive:
+    if network.health.error_frames or network.health.bus_off or network.health.error_passive:
         counts = {
-            "error frame": network.error_frames,
-            "time error-passive": network.error_passive,
-            "bus-off": network.bus_off,
+            "error frame": network.health.error_frames,
+            "time error-passive": network.health.error_passive,
+            "bus-off": network.health.bus_off,
         }
         shown = ", ".join(counted(number, what) for what, number in counts.items() if number)
         yield f"the adapter reports {shown}: another bit rate than {rate} bit/s, a wrong termination, or a cable"
