@@ -19,7 +19,7 @@ from pdgw.ds301.counters import Counters
 from pdgw.ds301.loop.loop import Loop, Task, Timer
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.finding_text import finding_line
-from pdgw.gateway.base.reasons import Finding, Reason
+from pdgw.gateway.base.reasons import Finding
 from pdgw.gateway.base.store import ParameterStore
 from pdgw.gateway.base.udp import Address
 from pdgw.gateway.configuration.config import GatewayConfig
@@ -189,11 +189,10 @@ class ProfinetLink(Link):
                 break
             if device.on_frame(frame, now):
                 fresh = True
-                if self._is_changed():
+                if relationship is None or relationship.is_changed(device.relation):
                     # The axes process a changed order or a STOP before the frames after it, which wake the loop.
-                    pairing = self._pairing
-                    if pairing is not None:
-                        pairing.end()
+                    if relationship is not None and relationship.pairing is not None:
+                        relationship.pairing.end()
                     break
         if not device.quiet:
             self._pump()
@@ -201,15 +200,6 @@ class ProfinetLink(Link):
         if fresh:
             self._read_setpoints(now)
         return fresh
-
-    def _is_changed(self) -> bool:
-        """Whether orders of the newest frame differ from those of the frame before it, or its relationship is new."""
-        relation, relationship = self.device.relation, self._relationship
-        if relation is None or relationship is None or relation.consumer is not relationship.consumer:
-            return True
-        before = relationship.ordered
-        relationship.ordered = int.from_bytes(relationship.consumer.payload, "big") & relationship.order_mask
-        return relationship.ordered != before
 
     def _read_setpoints(self, now: int) -> None:
         relationship, setpoints = self._relationship, self.setpoints
@@ -267,16 +257,8 @@ class ProfinetLink(Link):
             return findings.without_relationship(self.station, transport.interface, refused, self._ended)
         if (repeated := self._losses.finding(now)) is not None:
             return repeated
-        if not self._receivable:
-            if (found := findings.of_frames(relation, now, relationship.limit_ns >> 1)) is not None:
-                return found
-        elif not relationship.consumer.running:
-            return Finding.of(Reason.PLC_STOP)
-        if index is None or self.setpoints[index] is not None:
-            return None
-        if all(index != known for known, *_ in relationship.outputs):
-            return findings.of_differences(relationship.differences, index + 1)
-        return Finding.of(Reason.PLC_BAD) if self._receivable else None
+        missing = None if index is None or self.setpoints[index] is not None else index
+        return relationship.finding(relation, now, missing, receivable=self._receivable)
 
     @property
     def age_ns(self) -> int | None:
@@ -338,21 +320,11 @@ class ProfinetLink(Link):
 
     def status(self) -> dict[str, object]:
         relation = self.device.relation
-        station = self.station
         return {
             "connected": self.connected,
             "peer": list(relation.source) if relation else None,
             "frames": {verdict.value: self._count_of(verdict) for verdict in Verdict},
-            "station": {
-                "name": station.name,
-                "ip": str(station.ip.address),
-                "mac": self.port.mac.hex(":"),
-                "link_up": station.link_up,
-                "relationship": relation.state.value if relation else "none",
-                "controller": relation.plan.ar.station_name if relation else "",
-                "cycle_ms": relation.provider.cycle_ns / MS if relation and relation.provider else None,
-                "flashing": self._keeper.flashing,
-            },
+            "station": self._keeper.status(self.station, relation),
         }
 
     def close(self) -> None:
@@ -465,24 +437,17 @@ class ProfinetLink(Link):
                 if provider is None or consumer is None:
                     return
                 self._release()
-                transport = self._config.transport
-                self._relationship = Relationship(relation, consumer, provider, self.port, transport, self._telegrams)
-                differences = findings.differences(relation.plan.expected, self.device.model.modules)
-                self._relationship.differences = differences
-                self._losses = RepeatedLosses(self._relationship.limit_ns)
+                transport, modules = self._config.transport, self.device.model.modules
+                self._relationship = relationship = Relationship(
+                    relation, consumer, provider, self.port, transport, self._telegrams, modules
+                )
+                self._losses = RepeatedLosses(relationship.limit_ns)
                 self._ended = None
                 self._keeper.forget_refused()
                 self.layout_token = object()
-                cycle = provider.cycle_ns / MS
-                text = f"controller {relation.plan.ar.station_name} {relation.source[0]} connected, cycle {cycle:g} ms"
-                log.info("%s", text)
-                self.log_event(f"PLC connected: {text}")
-                if cycle < transport.cycle_time_ms:
-                    log.warning(
-                        "the controller's cycle time is shorter than cycle_time_ms = %g", transport.cycle_time_ms
-                    )
-                for text in differences.values():
-                    log.warning("%s", text)
+                log.info("%s", relationship.text)
+                self.log_event(f"PLC connected: {relationship.text}")
+                relationship.warn(transport.cycle_time_ms)
             case Disconnected(relation, ended):
                 if self._places is not None and relation is self._places.relation:
                     self._places = None

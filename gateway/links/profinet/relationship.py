@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from pdgw.base.durations import MS
+from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.cyclic import control_mask
+from pdgw.gateway.links.profinet import findings
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.connection.application_relation import ApplicationRelation
 from pdgw.profinet.connection.cpm import Consumer
 from pdgw.profinet.connection.ppm import Provider
-from pdgw.profinet.model import TELEGRAM_SUBSLOT
+from pdgw.profinet.model import TELEGRAM_SUBSLOT, Module
+
+log = logging.getLogger("gateway")
 
 _SHORTEST_WATCHDOG: Final = 2
 """Cycles: the gateway reads in each cycle, at a time that varies."""
@@ -65,10 +70,15 @@ class Relationship:
         port: EthernetPort,
         transport: TransportConfig,
         telegrams: Sequence[Telegram],
+        modules: Mapping[int, Module],
     ) -> None:
+        cycle = provider.cycle_ns / MS
+        self._cycle_ms = cycle
+        self.text = f"controller {relation.plan.ar.station_name} {relation.source[0]} connected, cycle {cycle:g} ms"
+        """For log and events."""
         self.consumer = consumer
         """Data of the controller."""
-        self.differences: dict[int, str] = {}
+        self._differences = findings.differences(relation.plan.expected, modules)
         """Of the controller's project, by slot."""
         self.outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
@@ -77,8 +87,8 @@ class Relationship:
             where = consumer.place(place) if place in relation.plan.proper else None
             if where is not None:
                 self.outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
-        self.order_mask = _order_mask(consumer, telegrams)
-        self.ordered = int.from_bytes(consumer.payload, "big") & self.order_mask
+        self._order_mask = _order_mask(consumer, telegrams)
+        self.ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
         """All bits of a frame that are orders, and the orders of the newest one."""
         short = consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS
         self.pairing = Pairing(port, provider) if short else None
@@ -87,3 +97,35 @@ class Relationship:
         cycles = max(transport.watchdog_factor, _SHORTEST_WATCHDOG)
         self.held_up_ns = cycles * max(int(transport.cycle_time_ms * MS), consumer.cycle_ns)
         """If the port was not read for longer, the frames in it are not used, and the PLC is lost."""
+
+    def warn(self, cycle_time_ms: float) -> None:
+        """Log how the controller's project differs from the configuration; ``cycle_time_ms``: that of the configuration."""
+        if self._cycle_ms < cycle_time_ms:
+            log.warning("the controller's cycle time is shorter than cycle_time_ms = %g", cycle_time_ms)
+        for text in self._differences.values():
+            log.warning("%s", text)
+
+    def is_changed(self, relation: ApplicationRelation | None) -> bool:
+        """Whether orders of the newest frame differ from those of the frame before it, or it is one of another ``relation``."""
+        consumer = self.consumer
+        if relation is None or relation.consumer is not consumer:
+            return True
+        before = self.ordered
+        self.ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
+        return self.ordered != before
+
+    def finding(
+        self, relation: ApplicationRelation, now: int, missing: int | None, *, receivable: bool
+    ) -> Finding | None:
+        """Why data of the controller does not count. ``missing``: a drive object without setpoints, counted from 0;
+        ``receivable``: data has come since the last loss."""
+        if not receivable:
+            if (found := findings.of_frames(relation, now, self.limit_ns >> 1)) is not None:
+                return found
+        elif not self.consumer.running:
+            return Finding.of(Reason.PLC_STOP)
+        if missing is None:
+            return None
+        if all(missing != known for known, *_ in self.outputs):
+            return findings.of_differences(self._differences, missing + 1)
+        return Finding.of(Reason.PLC_BAD) if receivable else None

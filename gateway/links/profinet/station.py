@@ -19,10 +19,11 @@ from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.profidrive.telegrams import Telegram
+from pdgw.profinet.connection.application_relation import ApplicationRelation
 from pdgw.profinet.device import Refused
 from pdgw.profinet.discovery.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.model import SEND_CLOCKS, DeviceModel, ObjectKind, drive_model
-from pdgw.profinet.station import Identity, IpSuite
+from pdgw.profinet.station import Identity, IpSuite, Station
 
 PRODUCT = "profidrive-gateway"
 """Also the name that engineering tools propose for the station."""
@@ -140,6 +141,19 @@ class StationKeeper:
     def flashing(self) -> bool:
         """The device shows itself."""
         return self._loop.now() < self._flashing_until
+
+    def status(self, station: Station, relation: ApplicationRelation | None) -> dict[str, object]:
+        """For ``pdgw status``, with the relationship of its controller."""
+        return {
+            "name": station.name,
+            "ip": str(station.ip.address),
+            "mac": self._port.mac.hex(":"),
+            "link_up": station.link_up,
+            "relationship": relation.state.value if relation else "none",
+            "controller": relation.plan.ar.station_name if relation else "",
+            "cycle_ms": relation.provider.cycle_ns / MS if relation and relation.provider else None,
+            "flashing": self.flashing,
+        }
 
     def on_event(self, event: NameSet | IpSet | ResetToFactory | Flash | Refused, name: str) -> None:
         """Store changes by DCP; log all events. ``name``: name of the station."""
