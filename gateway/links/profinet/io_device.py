@@ -15,8 +15,7 @@ from typing import Final, Protocol
 from uuid import UUID
 
 from pdgw.base.durations import MS
-from pdgw.ds301.counters import Counters
-from pdgw.ds301.loop.loop import Loop, Task, Timer
+from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.finding_text import finding_line
 from pdgw.gateway.base.reasons import Finding
@@ -30,9 +29,9 @@ from pdgw.gateway.links.profinet import findings
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, DiagnosisReport
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.pairing import Pairing
-from pdgw.gateway.links.profinet.relationship import Places, Relationship
+from pdgw.gateway.links.profinet.relationship import InputLayout, Places, Reception, Relationship
 from pdgw.gateway.links.profinet.station import StationKeeper, profinet_model
-from pdgw.gateway.links.profinet.traffic import Traffic
+from pdgw.gateway.links.profinet.traffic import Running, Traffic
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.connection.cmdev import Event
@@ -75,27 +74,18 @@ class ProfinetLink(Link):
         self._store = store
         self._loop = loop
         self._objects = objects
-        self._telegrams = [item.telegram for item in objects]
+        self._layout = InputLayout([item.telegram for item in objects])
         self._records_of: Callable[[str], RecordHandler] = lambda host: NoRecords()
-        self._tasks: list[Task] = []
-        self._timer: Timer | None = None
+        self._running: Running | None = None
         self._relationship: Relationship | None = None
         """With the connected controller."""
-        self._exchange: Callable[[], None] = lambda: None
-        self._closed = False
-        self._answering = False
-        """The input frame is due, and is sent as soon as it contains the answer to the frame that was read for it."""
-        self._watch: Timer | None = None
-        self._receivable = False
+        self._reception: Reception | None = None
         self._losses = RepeatedLosses(0)
         """Of the newest relationship."""
         self._read_at = 0
         self._received_at = 0
         self.more = True
         """Data after a punctual frame is processed in the next turn, which saves one system call in each cycle."""
-        self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
-        """Actual values of the last step and whether they are valid: what a new relationship begins with."""
-        self._places: Places | None = None
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
         self.layout_token = object()
         self.recorder: FrameRecorder | None = None
@@ -103,10 +93,8 @@ class ProfinetLink(Link):
         self.watchdog_expiries = 0
         self._ended: findings.EndedRelationship | None = None
         """The newest one, until the next one begins."""
-        self._unreported = ""
-        """Reason of a loss that the axes have not seen yet: until then no setpoints count."""
         self._keeper = StationKeeper(port, transport, store, loop)
-        model = profinet_model(transport, port.mac, config.objects, self._telegrams)
+        model = profinet_model(transport, port.mac, config.objects, self._layout.telegrams)
         name, ip = self._keeper.first_name(), self._keeper.first_ip()
         self.station = Station(model.identity, name, ip, link_up=port.link_up, medium=port.medium)
         self.device = ProfinetDevice(
@@ -122,22 +110,7 @@ class ProfinetLink(Link):
         self._diagnosis = DiagnosisReport(self.device, objects)
         self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was aborted")
         watch_calls(self.device.cm.server, loop.counters, "calls")
-        self._register_counters(loop.counters)
-
-    def _register_counters(self, counters: Counters) -> None:
-        add, device = partial(counters.add, "link"), self.device
-        for verdict in Verdict:
-            add(verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
-        add("foreign", "frames", "unknown relationship", lambda: device.foreign)
-        add("watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries)
-        add("connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
-        add("dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
-        add("errors", "frames", "send or receive failed", lambda: self.port.errors)
-        add("sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
-        add("missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed)
-
-    def _count_of(self, verdict: Verdict) -> int:
-        return self.device.cm.cyclic.received[verdict]
+        self._traffic.count(loop.counters, lambda: self.watchdog_expiries)
 
     def serve_records(self, records_of: Callable[[str], RecordHandler]) -> None:
         """Set the handler of parameter access and I&M for each requesting host."""
@@ -170,10 +143,10 @@ class ProfinetLink(Link):
     def start(self, action: Callable[[], None]) -> None:
         station = self.station
         log.info("PROFINET device %s on %s", station.name or "without a name", self._config.transport.interface)
-        self._exchange = action
         self.port.start(action, self._on_other, self._on_carrier)
-        self._tasks.append(self._loop.spawn(self._serve, "PROFINET calls"))
-        self._on_watch()
+        calls = self._loop.spawn(partial(self._serve, action), "PROFINET calls")
+        self._running = Running(action, calls, self._loop.call_later(_DIAGNOSIS_NS, self._on_watch))
+        self._diagnosis.report()
         self._pump()
 
     def receive(self, now: int, at_most: int = AT_ONCE) -> bool:
@@ -210,7 +183,10 @@ class ProfinetLink(Link):
         self.more = not is_punctual(since, consumer.cycle_ns)
         if pairing is not None and not pairing.together:
             pairing.came(now)
-        if self._unreported:
+        reception = self._reception
+        if reception is None:
+            self._reception = Reception()
+        elif reception.loss:
             relationship.ordered = _NOT_IN_FORCE
             return
         if since > relationship.limit_ns:
@@ -219,14 +195,13 @@ class ProfinetLink(Link):
         for index, unpack_from, offset, iops in relationship.outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD
             setpoints[index] = unpack_from(payload, offset) if good else None
-        self._receivable = True
 
     def poll(self, now: int) -> str:
-        if not self._receivable:
+        reception, relationship = self._reception, self._relationship
+        if reception is None:
             return ""
-        relationship = self._relationship
-        if self._unreported:
-            loss, self._unreported = self._unreported, ""
+        if reception.loss:
+            loss = reception.loss
         elif relationship is None or relationship.consumer.data_ns is None:
             loss = "" if self._ended is None else self._ended.finding.evidence
         else:
@@ -239,14 +214,14 @@ class ProfinetLink(Link):
             if relation is not None and (found := findings.of_frames(relation, now, limit_ns >> 1)) is not None:
                 loss = f"{loss}: {finding_line(found)}"
                 self._losses.add(now, 0, found)
-        self._receivable = False
+        self._reception = None
         self.lose_setpoints()
         return self._losses.report(loss, now)
 
     def _report_loss(self, loss: str) -> None:
         """The next step of the axes sees this loss, also if the controller is there again by then."""
-        if self._receivable:
-            self._unreported = loss
+        if self._reception is not None:
+            self._reception.loss = loss
 
     def finding(self, index: int | None = None) -> Finding | None:
         now, relation, relationship = self._loop.now(), self.device.relation, self._relationship
@@ -258,7 +233,7 @@ class ProfinetLink(Link):
         if (repeated := self._losses.finding(now)) is not None:
             return repeated
         missing = None if index is None or self.setpoints[index] is not None else index
-        return relationship.finding(relation, now, missing, receivable=self._receivable)
+        return relationship.finding(relation, now, missing, receivable=self._reception is not None)
 
     @property
     def age_ns(self) -> int | None:
@@ -269,21 +244,19 @@ class ProfinetLink(Link):
             self.setpoints[index] = None
 
     def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int) -> None:
-        self._newest = (actuals, good)
-        relation = self.device.relation
+        layout, relation, relationship = self._layout, self.device.relation, self._relationship
+        layout.newest = (actuals, good)
         if relation is not None and relation.provider is not None:
             # Filled from the Connect on: the data must be valid at ApplicationReady.
-            places = self._places
+            places = layout.places
             if places is None or relation is not places.relation:
-                places = self._places = Places(relation, relation.provider, self._telegrams)
+                places = layout.places = Places(relation, relation.provider, layout.telegrams)
             places.fill(actuals, good)
-        if self._answering:
-            pairing = self._pairing
-            lead = 0 if pairing is None else pairing.lead
-            self._answering = not self._provide(self._loop.now() + lead)
-        watch = self._watch
-        if watch is not None and now + _EARLY_NS >= watch.when:
-            watch.cancel()
+        if relationship is not None and (pairing := relationship.pairing) is not None and pairing.answering:
+            pairing.answering = not self._provide(self._loop.now() + pairing.lead)
+        running = self._running
+        if running is not None and now + _EARLY_NS >= running.watch.when:
+            running.watch.cancel()
             self._on_watch()
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
@@ -291,16 +264,15 @@ class ProfinetLink(Link):
             raise GatewayError(
                 "telegram: cannot be changed while a controller is connected, because its project defines it"
             )
-        self._telegrams = list(telegrams)
-        self._newest = None
+        self._layout = layout = InputLayout(telegrams)
         transport = self._config.transport
-        self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
+        self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, layout.telegrams))
 
     def places(self) -> FramePlaces:
-        relationship = self._relationship
+        relationship, places = self._relationship, self._layout.places
         offsets = {} if relationship is None else {index: offset for index, _, offset, _ in relationship.outputs}
-        setpoints = tuple(offsets.get(index) for index in range(len(self._telegrams)))
-        data = [None] * len(self._telegrams) if self._places is None else self._places.data
+        setpoints = tuple(offsets.get(index) for index in range(len(self._objects)))
+        data = [None] * len(self._objects) if places is None else places.data
         return FramePlaces("profinet", setpoints, tuple(None if place is None else place[0] for place in data))
 
     def newest(self) -> tuple[bool, Address | None, bytes, bytes | bytearray]:
@@ -323,20 +295,17 @@ class ProfinetLink(Link):
         return {
             "connected": self.connected,
             "peer": list(relation.source) if relation else None,
-            "frames": {verdict.value: self._count_of(verdict) for verdict in Verdict},
+            "frames": {verdict.value: self.device.cm.cyclic.received[verdict] for verdict in Verdict},
             "station": self._keeper.status(self.station, relation),
         }
 
     def close(self) -> None:
-        self._closed = True
+        running, self._running = self._running, None
         self.device.end(Event.STOPPED, self._loop.now())
         self._traffic.send(self.recorder)
         self._release()
-        for task in self._tasks:
-            task.kill()
-        for timer in (self._timer, self._watch):
-            if timer is not None:
-                timer.cancel()
+        if running is not None:
+            running.end()
         self.port.close()
 
     # -- the device on the loop ---------------------------------------------------------------------------------------
@@ -357,14 +326,14 @@ class ProfinetLink(Link):
             self.device.end(Event.NAME_CHANGED, self._loop.now())
             self._pump()
 
-    def _serve(self) -> None:
+    def _serve(self, exchange: Callable[[], None]) -> None:
         """Calls run in a task: one that writes to the disk waits there, and the exchange continues."""
         while True:
             data, source = self._traffic.calls.get()
             try:
                 pairing = self._pairing
                 if pairing is not None and pairing.together:
-                    self._exchange()  # the waiting frame arrived before this call
+                    exchange()  # the waiting frame arrived before this call
                 self.device.on_datagram(data, source, self._loop.now())
                 relation = self.device.relation
                 connected = relation is not None and relation.connected
@@ -375,33 +344,36 @@ class ProfinetLink(Link):
                 if ours and not connected:
                     # Setpoints of the controller do not count until the parameters are complete.
                     self._report_loss("the controller sends its parameters again (PrmBegin)")
-                placed = None if self._places is None else self._places.relation
-                if self._newest is not None and relation is not None and relation is not placed:
-                    self.send(*self._newest, self._loop.now())
+                newest, places = self._layout.newest, self._layout.places
+                if newest is not None and relation is not None and (places is None or relation is not places.relation):
+                    self.send(*newest, self._loop.now())
                 self._pump()
             except Exception as error:  # an error of one call: serve the next one
                 self._failed(error)
 
     def _on_due(self) -> None:
-        pairing, now = self._pairing, self._loop.now()
+        running, relationship, now = self._running, self._relationship, self._loop.now()
+        if running is None:
+            return
+        pairing = None if relationship is None else relationship.pairing
         sent = False
         if pairing is not None and pairing.due(now):
-            before, self._answering = self._received_at, True
-            self._exchange()
-            sent, self._answering = not self._answering, False
-            if self._closed:
+            before, pairing.answering = self._received_at, True
+            running.exchange()
+            sent, pairing.answering = not pairing.answering, False
+            if self._running is None:
                 return
             found = self._received_at != before
             if not found and pairing.again(self._loop.now()):
-                self._call_at(self.device.cyclic_deadline, exactly=True)
+                self._call_at(self.device.cyclic_deadline, None)
                 return
             pairing.taken(self._received_at, found=found)
         if sent or self._provide(now):
-            self._call_at(self.device.cyclic_deadline)  # the exchange may have set another deadline
+            self._call_at(self.device.cyclic_deadline, pairing)  # the exchange may have set another deadline
         else:
-            if self._timer is not None:
-                self._timer.cancel()
-                self._timer = None
+            if running.timer is not None:
+                running.timer.cancel()
+                running.timer = None
             self.device.poll(now)
             self._pump()
 
@@ -418,17 +390,17 @@ class ProfinetLink(Link):
         self._traffic.send(self.recorder)
         for event in self.device.events():
             self._on_event(event)
-        due = self.device.next_deadline()
-        if self._timer is None or due < self._timer.when:
-            self._call_at(due)
+        due, running = self.device.next_deadline(), self._running
+        if running is not None and (running.timer is None or due < running.timer.when):
+            self._call_at(due, self._pairing)
 
-    def _call_at(self, due: int, *, exactly: bool = False) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        pairing = self._pairing
-        if pairing is not None and not exactly:
-            due = pairing.wake(due)
-        self._timer = self._loop.call_at(due, self._on_due)
+    def _call_at(self, due: int, pairing: Pairing | None) -> None:
+        """Do what is due then, and wake before that as the pairing needs it."""
+        running = self._running
+        if running is not None:
+            if running.timer is not None:
+                running.timer.cancel()
+            running.timer = self._loop.call_at(due if pairing is None else pairing.wake(due), self._on_due)
 
     def _on_event(self, event: DeviceEvent) -> None:
         match event:
@@ -439,7 +411,7 @@ class ProfinetLink(Link):
                 self._release()
                 transport, modules = self._config.transport, self.device.model.modules
                 self._relationship = relationship = Relationship(
-                    relation, consumer, provider, self.port, transport, self._telegrams, modules
+                    relation, consumer, provider, self.port, transport, self._layout.telegrams, modules
                 )
                 self._losses = RepeatedLosses(relationship.limit_ns)
                 self._ended = None
@@ -449,8 +421,9 @@ class ProfinetLink(Link):
                 self.log_event(f"PLC connected: {relationship.text}")
                 relationship.warn(transport.cycle_time_ms)
             case Disconnected(relation, ended):
-                if self._places is not None and relation is self._places.relation:
-                    self._places = None
+                places = self._layout.places
+                if places is not None and relation is places.relation:
+                    self._layout.places = None
                 text = f"controller {relation.plan.ar.station_name} disconnected: {ended.text}"
                 log.error("%s", text)
                 self.log_event(f"PLC not connected: {text}")
@@ -470,6 +443,7 @@ class ProfinetLink(Link):
             pairing.end()
 
     def _on_watch(self) -> None:
-        self._watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
+        if self._running is not None:
+            self._running.watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
         if self._diagnosis.report():
             self._pump()

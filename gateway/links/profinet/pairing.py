@@ -31,6 +31,8 @@ class Pairing:
     def __init__(self, port: EthernetPort, provider: Provider) -> None:
         self.together = False
         """The controller's frame is processed when the input frame is due, without a wake of its own."""
+        self.answering = False
+        """The input frame is due, and is sent as soon as it contains the answer to the frame that was read for it."""
         self._port = port
         self._provider = provider
         self._cycle = provider.cycle_ns

@@ -47,6 +47,25 @@ class Places:
                     provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
 
 
+class InputLayout:
+    """The telegrams of the drive objects until others are set, and the input data in them."""
+
+    def __init__(self, telegrams: Sequence[Telegram]) -> None:
+        self.telegrams = list(telegrams)
+        self.newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
+        """Actual values of the last step and whether they are valid: what a new relationship begins with."""
+        self.places: Places | None = None
+        """In the frames to the controller, while there is a relationship."""
+
+
+class Reception:
+    """Setpoints come: from the first ones until the axes have seen their loss."""
+
+    def __init__(self) -> None:
+        self.loss = ""
+        """Why they are lost, while the axes have not seen it: until then no setpoints count. Empty: they are not."""
+
+
 def _order_mask(consumer: Consumer, telegrams: Sequence[Telegram]) -> int:
     """The bits of a frame from its FrameID on that are orders: all but the cycle counter, setpoints and signs of life."""
     mask = bytearray([0xFF]) * consumer.size

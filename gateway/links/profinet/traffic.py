@@ -1,19 +1,43 @@
-"""What the device sends and receives beside the cyclic frames: DCP, LLDP and RPC, with its recording."""
+"""What the link waits for, and what the device sends and receives beside the cyclic frames: DCP, LLDP and RPC."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Final
 
-from pdgw.ds301.loop.loop import Loop, Mailbox
+from pdgw.ds301.counters import Counters
+from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
 from pdgw.gateway.base.udp import Address
 from pdgw.gateway.links.link import AT_ONCE, FrameRecorder
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
+from pdgw.profinet.connection.cpm import Verdict
 from pdgw.profinet.device import ProfinetDevice
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import Station
 
 _WAITING: Final = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
+
+
+class Running:
+    """The link from its start to its end: what it waits for."""
+
+    def __init__(self, exchange: Callable[[], None], calls: Task, watch: Timer) -> None:
+        self.exchange = exchange
+        """Take what has come from the controller, and answer it."""
+        self.timer: Timer | None = None
+        """When the device has something to do."""
+        self.watch = watch
+        """When the diagnosis is due."""
+        self._calls = calls
+
+    def end(self) -> None:
+        """Wait for nothing any more."""
+        self._calls.kill()
+        self.watch.cancel()
+        if self.timer is not None:
+            self.timer.cancel()
 
 
 class Traffic:
@@ -24,6 +48,19 @@ class Traffic:
         self._device = device
         self._station = station
         self.calls: Mailbox[tuple[bytes, Address]] = Mailbox(loop, _WAITING)
+
+    def count(self, counters: Counters, watchdog_expiries: Callable[[], int]) -> None:
+        """Register the counters of the link."""
+        add, device = partial(counters.add, "link"), self._device
+        for verdict in Verdict:
+            add(verdict.name.lower(), "frames", verdict.value, partial(device.cm.cyclic.received.__getitem__, verdict))
+        add("foreign", "frames", "unknown relationship", lambda: device.foreign)
+        add("watchdog_expiries", "times", "no frame in time while connected", watchdog_expiries)
+        add("connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
+        add("dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
+        add("errors", "frames", "send or receive failed", lambda: self._port.errors)
+        add("sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
+        add("missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed)
 
     @property
     def _own(self) -> Address:
