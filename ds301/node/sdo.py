@@ -40,6 +40,18 @@ DISCONNECT: Final = "disconnect the other one, or set another node-ID there"
 """What to do with two devices that have one node-ID."""
 
 
+class _Request:
+    """A transfer from its begin to that of the next one: of an access, or of a question."""
+
+    def __init__(self, transfer: Transfer, begun_ns: int, then: Callable[[], None] | None) -> None:
+        self.transfer = transfer
+        self.begun_ns = begun_ns
+        self.then = then
+        """Called at its end, if it is a question."""
+        self.answers_late = False
+        """It was aborted, and its answer has arrived. Those to another client do not count."""
+
+
 class SdoAccess:
     """Read and write the objects of a node, between ``open`` and ``close``. ``error_type`` is the package's error for an abort,
     with the object's name."""
@@ -71,14 +83,8 @@ class SdoAccess:
         """Aborts that the node has sent."""
         self.longest_upload_ns = LONGEST_UPLOAD_NS
         """An upload that takes longer is aborted."""
-        self.answers_late = False
-        """The answer to the last request, which was aborted, has arrived. Those to another client do not count."""
-        self._transfer: Transfer | None = None
-        """The last one that was begun, of an access or of a question."""
-        self.begun_ns = 0
-        """When its request was sent, monotonic nanoseconds."""
-        self._then: Callable[[], None] | None = None
-        """Called at its end, if it is a question."""
+        self._request: _Request | None = None
+        """The last one."""
         self._ended = Event(self.loop)
         """It has ended, or the last late answer has arrived."""
         self._open = 0
@@ -103,8 +109,8 @@ class SdoAccess:
     def interrupt(self) -> None:
         """The node is lost: its task does not wait for an answer any more. Accesses fail until ``resume``."""
         self._interrupted = True
-        if self._transfer is not None:
-            self._transfer.expire()
+        if self._request is not None:
+            self._request.transfer.expire()
         self._ended.set()
 
     def resume(self) -> None:
@@ -270,10 +276,10 @@ class SdoAccess:
 
     # -- frames -----------------------------------------------------------------------------------------------------
 
-    def _begin(self, transfer: Transfer, *, first: bool = False) -> None:
-        self._transfer, self._then, self.answers_late = transfer, None, False
-        self.begun_ns = self.loop.now()
-        transfer.begin(self.begun_ns)
+    def _begin(self, transfer: Transfer, then: Callable[[], None] | None = None, *, first: bool = False) -> None:
+        now = self.loop.now()
+        self._request = _Request(transfer, now, then)
+        transfer.begin(now)
         self._send([transfer.request], first=first)
 
     def _send(self, frames: list[bytes], *, first: bool = False) -> None:
@@ -283,22 +289,23 @@ class SdoAccess:
 
     def _receive(self, frame: bytes, now: int) -> None:
         """A frame of the node."""
-        transfer = self._transfer
+        request = self._request
         if frame and frame[0] == ABORT:
             self.aborts += 1
         self.doubles.answered(frame)
-        if transfer is None:
+        if request is None:
             return
+        transfer = request.transfer
         if transfer.ended:
-            self.answers_late = self.answers_late or address_in(frame) == transfer.address
+            request.answers_late = request.answers_late or address_in(frame) == transfer.address
             self._has_answered()
             return
         self._send(transfer.take(frame, now))
         if transfer.ended:
             self._ended.set()
-            if self._then is not None:
+            if request.then is not None:
                 self._has_answered()
-                self._then()
+                request.then()
 
     def _has_answered(self) -> None:
         """An answer has arrived for which the next access waits."""
@@ -310,9 +317,18 @@ class SdoAccess:
     def ask(self, index: int, subindex: int, then: Callable[[Upload], None]) -> None:
         """Request an object without waiting, while no task has an access. ``then`` is called with the answer."""
         upload = Upload(index, subindex, self.timeout_ns)
-        self._begin(upload)
+        self._begin(upload, lambda: then(upload))
         self._expect_answer()
-        self._then = lambda: then(upload)
+
+    @property
+    def answers_late(self) -> bool:
+        """The answer to the last request, which was aborted, has arrived."""
+        return self._request is not None and self._request.answers_late
+
+    @property
+    def begun_ns(self) -> int:
+        """When the last request was sent, monotonic nanoseconds; 0: never."""
+        return 0 if self._request is None else self._request.begun_ns
 
     @property
     def awaits_answer(self) -> bool:
@@ -322,7 +338,7 @@ class SdoAccess:
     @property
     def asked(self) -> int:
         """Index of the object of the access that was begun last."""
-        return self._transfer.index if self._transfer is not None else 0
+        return 0 if self._request is None else self._request.transfer.index
 
     # -- numbers ----------------------------------------------------------------------------------------------------
 
