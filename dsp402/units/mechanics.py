@@ -37,15 +37,28 @@ class UnitKeys:
     """Indices of objects of the drive that say something wrong about its units."""
 
 
-KEY_LINES: Mapping[str, str] = {
-    "rated_speed_rpm": "rated_speed_rpm = 0  # 100 % of the speed in rpm of the motor",
-    "velocity_unit": 'velocity_unit = "?"  # of 60FFh, such as "rpm", "0.1 rpm", "counts/s", "mm/s"',
-    "ignored_unit_objects": 'ignored_unit_objects = ["?"]  # objects with wrong units, such as "60A9h"',
-    "counts_per_revolution": "counts_per_revolution = 0  # position units in one revolution of the motor",
-    "acceleration_unit": 'acceleration_unit = "?"  # of 6083h, such as "rpm/s"',
-    "rated_acceleration_rpm_s": "rated_acceleration_rpm_s = 0  # 100 % of accelerations in rpm/s of the motor",
+class KeyLine(NamedTuple):
+    """A key that may be missing: its line in a configuration."""
+
+    setting: str
+    """Its value is refused until it is replaced."""
+    meaning: str
+
+    @property
+    def text(self) -> str:
+        """The line to paste, with its comment."""
+        return f"{self.setting}  # {self.meaning}"
+
+
+KEY_LINES: Mapping[str, KeyLine] = {
+    "rated_speed_rpm": KeyLine("rated_speed_rpm = 0", "100 % of the speed in rpm of the motor"),
+    "velocity_unit": KeyLine('velocity_unit = "?"', 'of 60FFh, such as "rpm", "0.1 rpm", "counts/s", "mm/s"'),
+    "ignored_unit_objects": KeyLine('ignored_unit_objects = ["?"]', 'objects with wrong units, such as "60A9h"'),
+    "counts_per_revolution": KeyLine("counts_per_revolution = 0", "position units in one revolution of the motor"),
+    "acceleration_unit": KeyLine('acceleration_unit = "?"', 'of 6083h, such as "rpm/s"'),
+    "rated_acceleration_rpm_s": KeyLine("rated_acceleration_rpm_s = 0", "100 % of accelerations in rpm/s of the motor"),
 }
-"""For each key that may be missing, the line to paste; its value is refused until it is replaced."""
+"""The keys that may be missing."""
 
 
 def check_unit_keys(keys: UnitKeys) -> None:
@@ -111,11 +124,16 @@ _RATIOS = (Fraction(1, 5), Fraction(5))
 
 
 class Known(NamedTuple):
-    """A value, its source, and whether it uses a position object (608Fh, 6091h, 6092h)."""
+    """A value, its sources, and whether it uses a position object (608Fh, 6091h, 6092h)."""
 
     value: Fraction
-    source: str
+    sources: tuple[str, ...]
     by_position: bool = False
+
+    @property
+    def source(self) -> str:
+        """The sources as text."""
+        return ", ".join(self.sources)
 
 
 class Unknown(NamedTuple):
@@ -212,15 +230,15 @@ class Mechanics:
     def _increments(self) -> Known | None:
         fixed = self.family.increments_per_revolution
         if fixed is not None:
-            return Known(fixed, f"{self.name}: {amount(fixed)} inc/rev")
+            return Known(fixed, (f"{self.name}: {amount(fixed)} inc/rev",))
         ratio = self.ratio(objects.POSITION_ENCODER_RESOLUTION)
-        return None if ratio is None else Known(ratio, f"608Fh: {amount(ratio)} inc/rev", True)
+        return None if ratio is None else Known(ratio, (f"608Fh: {amount(ratio)} inc/rev",), True)
 
     def _gear(self) -> Known:
         if self.keys.gear is not None:
-            return Known(self.keys.gear, "gear")
+            return Known(self.keys.gear, ("gear",))
         ratio = self.ratio(objects.GEAR_RATIO)
-        return Known(Fraction(1), "") if ratio is None else Known(ratio, "6091h", True)
+        return Known(Fraction(1), ()) if ratio is None else Known(ratio, ("6091h",), True)
 
     def _position_unit(self) -> Unit | Unknown | None:
         return self.unit(0, self.keys.position_unit, "position_unit", self.family.position)
@@ -230,34 +248,34 @@ class Mechanics:
         keys, increments = self.keys, self.increments
         if keys.counts_per_revolution is not None:
             counts = keys.counts_per_revolution
-            return Known(counts, f"counts_per_revolution = {amount(counts)}")
+            return Known(counts, (f"counts_per_revolution = {amount(counts)}",))
         unit, factor, feed = self.position_unit, self.ratio(objects.POSITION_FACTOR), self.ratio(objects.FEED_CONSTANT)
         if isinstance(unit, Unknown):
             return unit
         if unit is not None and unit.kind is Kind.TURN:
-            return self._geared(Known(1 / unit.factor, str(unit)))
+            return self._geared(Known(1 / unit.factor, (str(unit),)))
         if unit is not None and unit.kind is Kind.METRE:
             # 6092h is in position units.
             if feed is not None:
-                return self._geared(Known(feed, "6092h", True))
+                return self._geared(Known(feed, ("6092h",), True))
             return Unknown(f"positions are in {unit}, and no feed constant 6092h defines the distance of a revolution")
         if increments is not None and unit is not None and unit.kind is Kind.INCREMENT:
-            return Known(increments.value / unit.factor, increments.source, increments.by_position)
+            return increments._replace(value=increments.value / unit.factor)
         if factor is not None and increments is not None:
-            return Known(increments.value / factor, f"{increments.source}, 6093h", True)
+            return Known(increments.value / factor, (*increments.sources, "6093h"), True)
         if feed is not None:
-            return self._geared(Known(feed, "6092h", True))
+            return self._geared(Known(feed, ("6092h",), True))
         if increments is not None:
             return increments
         if self.family.counts_per_revolution is not None:
             counts = self.family.counts_per_revolution
-            return Known(counts, f"{self.name}: {amount(counts)} counts/rev")
+            return Known(counts, (f"{self.name}: {amount(counts)} counts/rev",))
         return Unknown("no source defines the position units of a revolution", "counts_per_revolution")
 
     def _geared(self, per_turn: Known) -> Known:
         gear = self.gear
-        source = f"{per_turn.source}, {gear.source}" if gear.source else per_turn.source
-        return Known(per_turn.value / gear.value, source, per_turn.by_position or gear.by_position)
+        sources = (*per_turn.sources, *gear.sources)
+        return Known(per_turn.value / gear.value, sources, per_turn.by_position or gear.by_position)
 
     def _metres(self) -> Found:
         unit, counts = self.position_unit, self.counts
@@ -265,12 +283,12 @@ class Mechanics:
             return counts
         if not isinstance(unit, Unit) or unit.kind is not Kind.METRE:
             return Unknown("positions are not in a unit of length")
-        return Known(counts.value * unit.factor, f"{unit}, {counts.source}", counts.by_position)
+        return Known(counts.value * unit.factor, (str(unit), *counts.sources), counts.by_position)
 
     def turn(self, kind: Kind) -> Found:
         """One revolution of the motor in this kind of unit."""
         if kind is Kind.TURN:
-            return Known(1 / self.gear.value, self.gear.source, self.gear.by_position)
+            return self.gear._replace(value=1 / self.gear.value)
         if kind is Kind.POSITION:
             return self.counts
         if kind is Kind.METRE:
@@ -285,5 +303,4 @@ class Mechanics:
         if isinstance(turn, Unknown):
             key = turn.key if unit.kind is Kind.POSITION else "velocity_unit"
             return Unknown(f"{what} in {unit}: {turn.why}", key)
-        source = f"{unit}, {turn.source}" if turn.source else str(unit)
-        return Known(turn.value / SECONDS_PER_MINUTE / unit.factor, source, turn.by_position)
+        return Known(turn.value / SECONDS_PER_MINUTE / unit.factor, (str(unit), *turn.sources), turn.by_position)

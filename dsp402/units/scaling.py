@@ -66,7 +66,7 @@ def _acceleration(mechanics: Mechanics) -> Found:
         return found if isinstance(found, Known) else Unknown(found.why, "acceleration_unit")
     factor, counts = mechanics.ratio(objects.ACCELERATION_FACTOR), mechanics.counts
     if factor is not None and isinstance(counts, Known):
-        return Known(counts.value / SECONDS_PER_MINUTE * factor, f"6097h, {counts.source}")
+        return Known(counts.value / SECONDS_PER_MINUTE * factor, ("6097h", *counts.sources))
     if family.acceleration:
         return mechanics.per_rpm(parse_unit(family.acceleration, 2, mechanics.name), "accelerations")
     return Unknown("no source defines the acceleration unit", "acceleration_unit")
@@ -88,13 +88,13 @@ def _rated_speed(mechanics: Mechanics, velocity: Found, *, vl: bool) -> Found:
     """100 % of a speed in rpm of the motor."""
     rated = mechanics.keys.rated_speed_rpm
     if rated is not None:
-        return Known(rated, "rated_speed_rpm")
+        return Known(rated, ("rated_speed_rpm",))
     speed = mechanics.limit(objects.MAX_MOTOR_SPEED)
     if speed is not None:
-        return Known(Fraction(speed), "6080h")
+        return Known(Fraction(speed), ("6080h",))
     highest = mechanics.limit(objects.VL_MIN_MAX, 2)
     if vl and highest is not None and isinstance(velocity, Known):
-        return Known(highest / velocity.value, "6046h/2")
+        return Known(highest / velocity.value, ("6046h/2",))
     value = mechanics.number(objects.MAX_MOTOR_SPEED)
     source_text = "the drive has no Max Motor Speed 6080h" if value is None else f"Max Motor Speed 6080h is {value}"
     return Unknown(f"{source_text}, the source of 100 %", "rated_speed_rpm")
@@ -161,13 +161,9 @@ def _speed(rated: Found, velocity: Found, index: int) -> Reference | _Lacking:
     if isinstance(rated, Unknown) or isinstance(velocity, Unknown):
         return _lacking(*(item for item in (rated, velocity) if isinstance(item, Unknown)))
     value = rated.value * velocity.value
-    text = f"100 % = {amount(rated.value)} rpm = {index:04X}h {amount(value)} (from {_sources(rated, velocity)})"
+    sources = ", ".join(dict.fromkeys(rated.sources + velocity.sources))
+    text = f"100 % = {amount(rated.value)} rpm = {index:04X}h {amount(value)} (from {sources})"
     return Reference(value, text)
-
-
-def _sources(*found: Known) -> str:
-    """The sources, each once."""
-    return ", ".join(dict.fromkeys(part for item in found for part in item.source.split(", ") if part))
 
 
 def _profile_velocity(mechanics: Mechanics, speed: Reference | _Lacking) -> Reference | _Lacking:

@@ -95,15 +95,15 @@ class _Sources:
         resolution, step, factor = (
             mechanics.ratio(index) for index in (VELOCITY_ENCODER_RESOLUTION, VELOCITY_ENCODER_FACTOR, VELOCITY_FACTOR)
         )
-        encoder = None if resolution is None else Known(resolution, f"6090h: {amount(resolution)} inc/rev")
+        encoder = None if resolution is None else Known(resolution, (f"6090h: {amount(resolution)} inc/rev",))
         increments = encoder or mechanics.increments
         if step is not None and increments is None:
             yield Unknown("6094h alone does not define the unit (rpm, increments/s and 1/4096 rpm are in use)")
         elif step is not None and increments is not None:
             value = increments.value / SECONDS_PER_MINUTE / step
-            yield Known(value, f"6094h, {increments.source}", increments.by_position)
+            yield Known(value, ("6094h", *increments.sources), increments.by_position)
         elif encoder is not None and factor is None:
-            yield Known(encoder.value / SECONDS_PER_MINUTE, encoder.source)
+            yield Known(encoder.value / SECONDS_PER_MINUTE, encoder.sources)
         if factor is not None:
             counts = mechanics.counts if isinstance(mechanics.counts, Known) else encoder
             if counts is None:
@@ -112,7 +112,7 @@ class _Sources:
                 )
             else:
                 value = counts.value / SECONDS_PER_MINUTE * factor
-                yield Known(value, f"6096h, {counts.source}", counts.by_position)
+                yield Known(value, ("6096h", *counts.sources), counts.by_position)
 
     def _family(self) -> Found:
         mechanics = self.mechanics
@@ -144,15 +144,14 @@ class _Sources:
 
     def _profile(self) -> Iterator[Found]:
         gear = self.mechanics.gear
-        source = f"6042h is in rpm, {gear.source}" if gear.source else "6042h is in rpm"
-        yield Known(1 / gear.value, source, gear.by_position)
+        yield Known(1 / gear.value, ("6042h is in rpm", *gear.sources), gear.by_position)
 
     def _by_position(self) -> Found:
         """Nothing speaks of velocities: position units per second, if the limit of the velocity can mean nothing else."""
         counts = self.mechanics.counts
         if isinstance(counts, Unknown):
             return Unknown("neither an object of the drive nor an overlay defines the velocity unit")
-        claim = Known(counts.value / SECONDS_PER_MINUTE, counts.source, True)
+        claim = Known(counts.value / SECONDS_PER_MINUTE, counts.sources, True)
         if self.mechanics.limit_confirms(_RPM, self.limit):
             return Unknown(f"{counts.source} applies to positions, and {self.limit_name} {self.limit} may be in rpm")
         return self._confirmed(claim)

@@ -63,12 +63,12 @@ class Missing(NamedTuple):
     @property
     def lines(self) -> tuple[str, ...]:
         """Lines to paste into the [[axis]]; each is rejected until its value is filled in."""
-        return tuple(KEY_LINES[key] for key in self.keys)
+        return tuple(KEY_LINES[key].text for key in self.keys)
 
     @property
     def remedy(self) -> str:
         """What to paste; empty if no key helps."""
-        short = ", ".join(line.partition("  #")[0] for line in self.lines)
+        short = ", ".join(KEY_LINES[key].setting for key in self.keys)
         return f"paste into its [[axis]] and fill in: {short}" if short else ""
 
     @property

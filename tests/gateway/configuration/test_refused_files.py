@@ -87,7 +87,7 @@ def test_yaml_bombs(tmp_path: Path, text: str, message: str) -> None:
 def test_all_missing_keys_are_reported_at_once(number: int, keys: tuple[str, ...]) -> None:
     drive = replace(described("rpm"), scaling=find_scaling({}))
     text = lacks(drive, number)
-    assert missing_lines(drive, number) == tuple(KEY_LINES[key] for key in keys)
+    assert missing_lines(drive, number) == tuple(KEY_LINES[key].text for key in keys)
     for key in keys:
         assert f"{key} = " in text, "fault 104 names it with its line"
 
@@ -95,7 +95,7 @@ def test_all_missing_keys_are_reported_at_once(number: int, keys: tuple[str, ...
 def test_lines_to_paste_are_refused_until_they_are_filled_in() -> None:
     for key, line in KEY_LINES.items():
         with pytest.raises(GatewayError, match=key):
-            parse_config(f'[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n{line}\n')
+            parse_config(f'[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n{line.text}\n')
 
 
 def test_with_the_reported_keys_nothing_is_missing() -> None:

@@ -489,6 +489,7 @@ _CUTS = {"partition", "rpartition", "split", "rsplit", "removeprefix", "removesu
 _ROOMS = (
     "ds301/node",
     "dsp402/drive",
+    "dsp402/units",
     "gateway/axis",
     "gateway/base",
     "gateway/objects",
@@ -498,7 +499,7 @@ _ROOMS = (
 _OTHER_TEXTS = {
     "finding_text.py": "the renderer of findings",
     "step_text.py": "the renderer of remedies",
-    "settings.py": "lines of a configuration file",
+    "units.py": "units of a configuration",
     "identity.py": "numbers of a version",
     "log_budget.py": "lines of the log",
     "ports.py": "files of the kernel",
