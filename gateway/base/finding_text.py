@@ -58,10 +58,10 @@ def finding_text(found: Finding, loop: Loop | None, *, dated: bool = False) -> s
 
 def times_text(found: Finding, loop: Loop, *, dated: bool = False) -> str:
     """Since when, and how often. ``dated``: for a reader of another day."""
-    if not found.since_ns:
+    if found.since_ns is None:
         return ""
     begin = clock(found.since_ns, loop, dated=dated)
-    if found.until_ns:
+    if found.until_ns is not None:
         return f" from {begin} to {clock(found.until_ns, loop, dated=dated)}"
     times = f" ({found.times} times)" if found.times > 1 else ""
     return _BEGINS.get(found.reason, ", since {}").format(begin) + times

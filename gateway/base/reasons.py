@@ -620,10 +620,10 @@ class Finding(NamedTuple):
     remedy: Remedy
     node: int = 0
     """Node-ID that the evidence is about and its text begins with; 0: none."""
-    since_ns: int = 0
-    """When it began; 0: its text has no time."""
-    until_ns: int = 0
-    """When it was over, and only OFF and ON are missing; 0: it is not, or its end does not matter."""
+    since_ns: int | None = None
+    """When it began; None: its text has no time."""
+    until_ns: int | None = None
+    """When it was over, and only OFF and ON are missing; None: it is not, or its end does not matter."""
     times: int = 0
     """How often its fault was reported."""
     more: str = ""
@@ -633,8 +633,8 @@ class Finding(NamedTuple):
     """Its fault (P947); 0: no fault."""
     code: int = 0
     """The code of it (P945)."""
-    last_ns: int = 0
-    """When it was reported last."""
+    last_ns: int | None = None
+    """When it was reported last; None: it is no fault."""
     ended: str = ""
     """Of a start: how the last gateway ended,"""
     before: str = ""
@@ -644,6 +644,12 @@ class Finding(NamedTuple):
     def of(cls, reason: Reason, evidence: str = "", place: str = "") -> Finding:
         """Those of the reason, where nothing is known that says more. ``place``: where to look."""
         return cls(reason, evidence or reason.value, (place,) if place else reason.remedy)
+
+    @property
+    def period(self) -> tuple[int, int]:
+        """Its first and its last time, both the same of what has only one. ValueError without a time."""
+        times = [time for time in (self.since_ns, self.last_ns) if time is not None]
+        return min(times), max(times)
 
 
 class Weight(enum.Enum):

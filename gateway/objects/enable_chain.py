@@ -217,7 +217,7 @@ class _Chain:
             return
         else:
             remedy = (*severe.remedy, acknowledge)
-            if origin is not None and origin.number not in (0, severe.number) and origin.since_ns <= severe.since_ns:
+            if origin is not None and origin.number not in (0, severe.number) and origin.period[0] <= severe.period[0]:
                 severe = origin._replace(more=f"; then: {severe.evidence}")
             self.breaks(Reason.SEVERE_FAULT, severe, remedy=remedy)
         self._links = {Enable.NO_FAULT: self._links.pop(Enable.NO_FAULT)} | self._links
@@ -231,7 +231,7 @@ class _Chain:
             finding = None  # repeated losses, which are over
         if self.item.gateway_stops:
             other = self.newest(FaultNumber.OTHER_MASTER)
-            self.breaks(Reason.GATEWAY_STOPS, None if other is None else of_fault(other), since_ns=0)
+            self.breaks(Reason.GATEWAY_STOPS, None if other is None else of_fault(other), since_ns=None)
         elif finding is not None:
             self.breaks(finding.reason, finding)
         elif connected:

@@ -93,14 +93,14 @@ class Origins:
     def last(self, loop: Loop) -> str:
         """What began the last stop, as text for the next gateway; empty if only the gateway itself did."""
         origin = self.severe or self.present
-        if origin is None or (origin.by is By.GATEWAY and not origin.number) or not origin.since_ns:
+        if origin is None or (origin.by is By.GATEWAY and not origin.number) or origin.since_ns is None:
             return self._recalled
         return finding_text(origin, loop, dated=True)
 
     def of(self, record: FaultRecord) -> Finding:
         """That of a fault; of an older one with what the last gateway has kept."""
         fault = of_fault(record)
-        return fault._replace(since_ns=0, before=self._recalled) if record.is_older else fault
+        return fault._replace(since_ns=None, before=self._recalled) if record.is_older else fault
 
     def enter(self, record: FaultRecord) -> None:
         """A fault is reported."""
@@ -118,7 +118,7 @@ class Origins:
             or (
                 present.number == FaultNumber.LEFT_OPERATION
                 and record.of_device
-                and record.time_ns - present.since_ns < EMERGENCY_PATIENCE_NS
+                and record.time_ns - present.period[0] < EMERGENCY_PATIENCE_NS
             )
         ):
             self.present = self.of(record)
@@ -133,18 +133,18 @@ class Origins:
         present, proof = self.present, self._proof
         if present is None or proof is None or present.number not in _SUSPECTED or present.by not in _GUESSED:
             return
-        if abs((present.last_ns or present.since_ns) - proof.since_ns) <= PROOF_NS:
+        if abs(present.period[1] - proof.period[0]) <= PROOF_NS:
             self.present = present._replace(by=proof.by, evidence=proof.evidence, remedy=proof.remedy)
 
     def released(self, now: int) -> None:
         """The drive follows the PLC, and nothing of this cycle stops it."""
-        if self.present is not None and self.present.last_ns < now:
+        if self.present is not None and self.present.period[1] < now:
             self.present, self._recalled = None, ""
 
     def returned(self, now: int) -> None:
         """The PLC sends setpoints again."""
         present = self.present
-        if present is not None and present.reason.past and not present.until_ns:
+        if present is not None and present.reason.past and present.until_ns is None:
             past, remedy = present.reason.past, Reason.NEEDS_OFF.remedy
             self.present = present._replace(evidence=past, remedy=remedy, until_ns=now)
 

@@ -27,7 +27,7 @@ class Totals:
         if (fault := GATEWAY_FAULTS.get(record.number)) is not None:
             total = total._replace(evidence=fault.title)
         before = self._totals.pop(key, None)
-        if before is not None and record.time_ns - before.last_ns <= DAY_NS:
+        if before is not None and record.time_ns - before.period[1] <= DAY_NS:
             total = before._replace(times=before.times + 1, last_ns=record.time_ns)
         self._totals[key] = total
         if len(self._totals) > _KINDS:
@@ -35,4 +35,4 @@ class Totals:
 
     def present(self, now: int) -> list[Finding]:
         """Those of the last day, the newest first."""
-        return [total for total in reversed(self._totals.values()) if now - total.last_ns <= DAY_NS]
+        return [total for total in reversed(self._totals.values()) if now - total.period[1] <= DAY_NS]

@@ -38,7 +38,7 @@ class Stop(NamedTuple):
     @property
     def when(self) -> str:
         """The begin, and how often; empty without a time."""
-        if not self.found.since_ns:
+        if self.found.since_ns is None:
             return ""
         times = f", {self.found.times} times" if self.found.times > 1 else ""
         return clock(self.found.since_ns, self.item.network.loop) + times
@@ -124,7 +124,7 @@ def _since(stops: Sequence[Stop]) -> str:
         return times_text(stops[0].found, stops[0].item.network.loop)
     if len(groups) <= _TEXTS:
         return f", since {', '.join(f'{when} ({_who(found)})' for when, found in groups.items())}"
-    first, *_, last = sorted(stops, key=lambda stop: stop.found.since_ns)
+    first, *_, last = sorted(stops, key=lambda stop: stop.found.period)
     return f", since {first.when} to {last.when}"
 
 

@@ -78,9 +78,8 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
 
 def _counted(loop: Loop, found: Finding) -> dict[str, Any]:
     """How often a fault came, and when; an origin without a fault has its begin alone."""
-    last_ns = found.last_ns or found.since_ns
-    times = {"first": _shown_time(loop, found.since_ns or last_ns), "last": _shown_time(loop, last_ns)}
-    return {"count": found.times} | times
+    first, last = found.period
+    return {"count": found.times, "first": _shown_time(loop, first), "last": _shown_time(loop, last)}
 
 
 def _origin(item: DriveObject) -> dict[str, Any] | None:
@@ -336,9 +335,9 @@ def explanation(daemon: RunningGateway, items: Sequence[DriveObject]) -> list[di
     shown = [(line.time_ns, who([item for item in items if item.do_id in line.objects]), line.shown) for line in found]
     for item in items:
         if (total := often.get(item.do_id)) is not None:
-            since, last = clock(total.since_ns, loop), clock(total.last_ns, loop)
-            text = f"{total.evidence}: {total.times} times since {since}, last {last}"
-            shown.append((total.last_ns, item.label, text))
+            first, last = total.period
+            text = f"{total.evidence}: {total.times} times since {clock(first, loop)}, last {clock(last, loop)}"
+            shown.append((last, item.label, text))
     shown.sort(key=lambda line: line[0])
     return [{"time": _shown_time(loop, time_ns), "who": label, "text": text} for time_ns, label, text in shown[-LINES:]]
 

@@ -121,6 +121,20 @@ def test_a_latch_of_several_axes_keeps_since_and_count_of_each() -> None:
     assert cause["reason"] == "ON ignored: node lost: silent, since 14:02:11"
 
 
+def test_a_latch_of_an_earlier_day_has_its_date(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LOOP, "now", lambda: at(86_415))
+    (cause,) = causes([latch(1, 11), latch(2, 11), latch(3, 15, times=3)])
+    assert cause["reason"] == (
+        "ON ignored: node lost: silent, since 14:01:56 on 2026-02-28 (axes 1-2), "
+        "14:02:00 on 2026-02-28, 3 times (axis 3)"
+    )
+
+
+def test_a_stop_that_began_at_the_first_nanosecond_of_the_clock_has_its_time() -> None:
+    (cause,) = causes([stopped(1, Reason.DRIVE_FAULT, ENCODER_FAULT, since_ns=0)])
+    assert cause["reason"] == f"{ENCODER_FAULT}, since 14:02:00"
+
+
 def test_a_start_of_several_axes_keeps_how_the_last_gateway_ended_and_what_was_before() -> None:
     ended = "the last one ended on 2026-03-01 at 04:11:02: stopped as commanded"
     lost = "node lost: silent, since 04:10:00"
