@@ -48,12 +48,13 @@ class Confirmation:
         missing = self._operation.missing()
         if not missing:
             return None
-        never_came = "" if self._settings.sync else "set sync = true for TPDOs that are sent on SYNC only"
+        # A node that another gateway had online may have sent them before: SYNC is only one of the causes.
+        by_sync = self._first and not self._settings.sync
         return self._kind.error_type(
             f"TPDOs of the {self._kind.name}",
             f"none of {', '.join(missing)}",
             "each within 1 s of NMT start",
-            never_came if self._first else TPDO_REMEDY,
+            TPDO_REMEDY + ("; if they are sent on SYNC only, set sync = true" if by_sync else ""),
         )
 
     @property

@@ -64,7 +64,10 @@ _AFTER_A_RESTART: dict[str, tuple[str, ...]] = {
     "the drive waits at standstill until its brake is closed": _OFF,
     "the drive enables itself during OFF": _OFF,
     "the drive ignores OFF3, and the gateway stops its node": ("keeps the drive off: STW1.2 = 0 (OFF3)",),
-    "all PDOs of the drive end in operation, and its heartbeats arrive": ("none of TPDO1, TPDO2",),
+    "all PDOs of the drive end in operation, and its heartbeats arrive": (
+        "none of TPDO1, TPDO2",
+        "check the TPDOs of the device, and who writes its communication objects",
+    ),
     "a short circuit of the bus, and the interface does not restart": (
         "bus can: the interface sends no frame and reports no error",
         "if it is bus-off since before the start",
