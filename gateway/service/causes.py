@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import groupby
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.gateway.base.finding_text import EACH_NODE, clock, evidence_text, finding_text, times_text
@@ -12,6 +12,7 @@ from pdgw.gateway.base.reasons import AxisState, Finding, Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.objects.drive_object import DriveObject
 
+_Item = TypeVar("_Item")
 _ORDER: Final = tuple(reversed(AxisState))
 """Order of the states, the worst first."""
 _OFFLINE: Final = (Reason.DRIVE_OFFLINE, Reason.ENCODER_OFFLINE)
@@ -95,9 +96,7 @@ def _text(stops: Sequence[Stop]) -> str:
     texts = {finding_text(stop.found, stop.item.network.loop) for stop in stops}
     if len(texts) == 1:
         return texts.pop()
-    shared: dict[str, list[Stop]] = {}
-    for stop in stops:
-        shared.setdefault(stop.evidence, []).append(stop)
+    shared = _grouped(stops, lambda stop: stop.evidence)
     if len(shared) == 1:
         return _line(stops)
     lines = [f"{_who(found)}: {_line(found)}" for found in shared.values()]
@@ -115,9 +114,7 @@ def _line(stops: Sequence[Stop]) -> str:
 
 def _since(stops: Sequence[Stop]) -> str:
     """Since when, and how often, for each of them where they differ; empty if one of them has no time."""
-    groups: dict[str, list[Stop]] = {}
-    for stop in stops:
-        groups.setdefault(stop.when, []).append(stop)
+    groups = _grouped(stops, lambda stop: stop.when)
     if "" in groups:
         return ""
     if len(groups) == 1:
@@ -130,9 +127,7 @@ def _since(stops: Sequence[Stop]) -> str:
 
 def _recalled(stops: Sequence[Stop]) -> str:
     """After a start: how the last gateway ended, and what had stopped each of them then."""
-    before: dict[str, list[Stop]] = {}
-    for stop in stops:
-        before.setdefault(stop.found.before, []).append(stop)
+    before = _grouped(stops, lambda stop: stop.found.before)
     if not stops[0].found.ended:
         return ""
     texts = [f"{_who(found)}: {text}" for text, found in before.items() if text]
@@ -158,14 +153,20 @@ def _cause(stops: Sequence[Stop]) -> dict[str, Any]:
 
 def who(items: Sequence[DriveObject]) -> str:
     """``axis 3 "slide"``, or ``axes 1-4, 7; encoder 9``."""
-    kinds: dict[str, list[DriveObject]] = {}
-    for item in items:
-        kinds.setdefault(item.kind, []).append(item)
+    kinds = _grouped(items, lambda item: item.kind)
     plurals = {"axis": "axes", "encoder": "encoders"}
     return "; ".join(
         found[0].label if len(found) == 1 else f"{plurals[kind]} {', '.join(_ranges([item.do_id for item in found]))}"
         for kind, found in kinds.items()
     )
+
+
+def _grouped(items: Sequence[_Item], key: Callable[[_Item], str]) -> dict[str, list[_Item]]:
+    """The items by what they have in common, in their order."""
+    groups: dict[str, list[_Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 def _ranges(numbers: Sequence[int]) -> Iterator[str]:
