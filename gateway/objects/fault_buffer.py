@@ -15,7 +15,6 @@ from pdgw.base.durations import MS
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.reasons import EMCY_WARNING, GATEWAY_FAULTS, FaultNumber
-from pdgw.profidrive.parameters.catalogue import NAME_SIZE
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
 _NO_FAULT = Fault(0, 0, 0, 0)
@@ -148,23 +147,8 @@ class FaultLog:
         return [item.record for item in self._active.values()]
 
 
-def fault_codes(own: Mapping[int, DriveFault]) -> list[int]:
-    """P946: the code of each fault number, 0 where there is no fault of the number."""
-    return [code for _, code, _ in _rows(own)]
-
-
-def fault_numbers(own: Mapping[int, DriveFault]) -> list[int]:
-    """P951: each fault number at its place, 0 where there is no fault of the number."""
-    return [number for number, _, _ in _rows(own)]
-
-
-def fault_texts(own: Mapping[int, DriveFault]) -> list[str]:
-    """The texts of P951 and P947: the name of each fault number, empty where there is none."""
-    return [name[:NAME_SIZE] for _, _, name in _rows(own)]
-
-
-def _rows(own: Mapping[int, DriveFault]) -> list[tuple[int, int, str]]:
-    """Number, code and name for each number from 0 on."""
+def fault_rows(own: Mapping[int, DriveFault]) -> list[tuple[int, int, str]]:
+    """Number (P951), code (P946) and text (P951, P947) for each number from 0 on; 0, 0 and empty where there is no fault."""
     rows = {fault.number: (fault.number, fault.error_code, fault.name) for fault in own.values()}
     rows |= {fault.value: (fault.value, fault.code, fault.title) for fault in FaultNumber}
     return [rows.get(number, (0, 0, "")) for number in range(max(rows) + 1)]

@@ -34,7 +34,7 @@ from pdgw.gateway.base.store import DeviceParameters, DoParameters
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.fault_buffer import fault_codes, fault_numbers, fault_texts
+from pdgw.gateway.objects.fault_buffer import fault_rows
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext
 from pdgw.gateway.parameters.signal_list import signal_list
 from pdgw.gateway.service.running import RunningGateway
@@ -45,6 +45,7 @@ from pdgw.profidrive.parameters.catalogue import (
     ENCODER_CLASS,
     ENCODER_IDENTIFICATION,
     LIST_PNUS,
+    NAME_SIZE,
     OBJECT_PNUS,
     PARAMETERS,
     PROFILE_IDENTIFICATION,
@@ -244,8 +245,12 @@ class NodeObject(BoundObject):
         self.bind(Pnu.CONTROL_PRIORITY, lambda: 1, lambda _: None)
         self.bind(Pnu.FAULT_COUNTER, lambda: log_.buffer.counter)
         self.bind(Pnu.FAULT_CODE, lambda: [fault.code for fault in log_.entries()])
-        self.bind(Pnu.FAULT_CODE_LIST, lambda: fault_codes(self._own_faults))
-        self.bind(Pnu.FAULT_NUMBER_LIST, lambda: fault_numbers(self._own_faults), texts=self._fault_texts)
+        self.bind(Pnu.FAULT_CODE_LIST, lambda: [code for _, code, _ in fault_rows(self._own_faults)])
+        self.bind(
+            Pnu.FAULT_NUMBER_LIST,
+            lambda: [number for number, _, _ in fault_rows(self._own_faults)],
+            texts=self._fault_texts,
+        )
         self.bind(Pnu.FAULT_NUMBER, lambda: [fault.number for fault in log_.entries()], texts=self._fault_texts)
         self.bind(Pnu.FAULT_TIME, lambda: [fault.time_ms for fault in log_.entries()])
         self.bind(Pnu.FAULT_VALUE, lambda: [fault.value for fault in log_.entries()])
@@ -262,7 +267,7 @@ class NodeObject(BoundObject):
         return {}
 
     def _fault_texts(self) -> Sequence[str]:
-        return fault_texts(self._own_faults)
+        return [text[:NAME_SIZE] for _, _, text in fault_rows(self._own_faults)]
 
     def _name(self) -> bytes:
         return (self._stored.name or f"{self.owner.kind} {self.do_id}").encode()
