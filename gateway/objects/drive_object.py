@@ -256,8 +256,8 @@ class DriveObject(abc.ABC):
             self._happened(enable_status.happening, stops=self._operated and enable_status.state is not AxisState.OBEYS)
             self._operated = enable_status.state is AxisState.OBEYS
             self._shown_reason = shown
-            cause = {"event": "reason", "do": self.do_id, "reason": "" if shown is None else shown.name}
-            log.info("%s: %s", self.label, enable_status.sentence, extra=cause)
+            cause = "" if shown is None else shown.name
+            self._log(logging.INFO, "reason", enable_status.sentence, reason=cause)
 
     def _watch_warning(self, warning: int) -> None:
         """Log the begin of a warning that the device shows. ``warning``: P953."""
@@ -268,7 +268,7 @@ class DriveObject(abc.ABC):
                 text = f"the device shows a warning ({self.warning_word})"
                 self._happened(text)
                 self.log_event("warning", self.do_id, text, 0)
-                log.info("%s: %s", self.label, text, extra={"event": "warning", "do": self.do_id})
+                self._log(logging.INFO, "warning", text)
 
     def log_state(self, status: EnableStatus) -> None:
         """Log the event of another state or reason. A cycle without news does not see all of them; the next status does."""
@@ -280,13 +280,17 @@ class DriveObject(abc.ABC):
         for record in events.faults:
             self._record(record)
         for text in events.log_lines:
-            log.info("%s: %s", self.label, text, extra={"event": "node", "do": self.do_id})
+            self._log(logging.INFO, "node", text)
         if events.acknowledged:
             self.fault_log.acknowledge()
             self.origins.acknowledged()
 
     def _happened(self, text: str, *, stops: bool = False) -> None:
         self.happenings.append(Happening(self.network.loop.now(), self.do_id, text, stops))
+
+    def _log(self, level: int, event: str, text: str, **cause: object) -> None:
+        """One line. ``cause``: the field of its budget (``log_budget``)."""
+        log.log(level, "%s: %s", self.label, text, extra={"event": event, "do": self.do_id} | cause)
 
     def _write_all(self, client: NodeClient[Any], writes: Sequence[SdoWrite]) -> None:
         for item in writes:
@@ -308,7 +312,7 @@ class DriveObject(abc.ABC):
     def report_unusable(self, why: str) -> None:
         """The frames of the connected PLC have no setpoints from now on."""
         self._happened(why, stops=self._operated)
-        log.warning("%s: %s", self.label, why, extra={"event": "plc", "do": self.do_id})
+        self._log(logging.WARNING, "plc", why)
 
     def clear_faults(self) -> None:
         """P952 := 0: what is acknowledged or gone leaves the buffer. What lasts stays, as the status word shows it."""
@@ -332,15 +336,9 @@ class DriveObject(abc.ABC):
         text = f"{kind} {record.number}: {record.line}"
         self._happened(text, stops=not record.is_warning)
         self.log_event(kind, self.do_id, text, int(record.number))
-        log.log(
-            logging.WARNING if record.is_warning else logging.ERROR,
-            "%s: fault %d, code %04Xh: %s",
-            self.label,
-            record.number,
-            record.code,
-            record.line,
-            extra={"event": kind, "do": self.do_id, "fault": int(record.number)},
-        )
+        level = logging.WARNING if record.is_warning else logging.ERROR
+        text = f"fault {record.number}, code {record.code:04X}h: {record.line}"
+        self._log(level, kind, text, fault=int(record.number))
 
     def on_node_event(self, notice: NodeNotice) -> None:
         """What has happened to the node; the next step processes it."""
