@@ -327,16 +327,13 @@ class ParameterStore:
         with self._lock:
             changed = self.parameters.model_copy(deep=True)
             change(changed)
-            self._write(changed)
+            if self.path is not None:
+                self._put(self.path, changed)
             self.parameters = changed
 
     def save(self) -> None:
         """Write the present set; as ``update``."""
         self.update(lambda _: None)
-
-    def _write(self, changed: DeviceParameters) -> None:
-        if self.path is not None:
-            self._put(self.path, changed)
 
     def _put(self, path: Path, changed: DeviceParameters) -> None:
         parameters = changed.model_dump_json()

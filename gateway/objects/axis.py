@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
@@ -40,20 +40,18 @@ from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
-from pdgw.gateway.objects.inquiry import LIMITS, PATIENCE_NS, REMAP, Answer, Untaken, ask
+from pdgw.gateway.objects.inquiry import LIMITS, PATIENCE_NS, REMAP, UNFOLLOWED, Answer, ask, untaken
 from pdgw.gateway.objects.origins import ORDERS, used_up
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
-from pdgw.profidrive.signals import SignalQuantity
+from pdgw.profidrive.signals import Signal, SignalQuantity
 from pdgw.profidrive.telegrams import telegram
 
 _OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0), CONTROLWORD, MODE}
 _REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """Format of the drive's second encoder; its resolution is not read."""
-_UNFOLLOWED: Final = (Reason.INHIBITED, Reason.NOT_OPERATING)
-"""ON is commanded, and the drive does not show that it follows."""
 _ASK_AGAIN_NS: Final = 10 * SECOND
 """The limits of a drive are read so often at most."""
 _POWER_BITS: Final = 0x8F
@@ -107,8 +105,8 @@ class Axis(DriveObject):
         self._probing = False
         self._warning = self._lags_since = 0
         """P953, and ``AxisMachine.lags_since``, after the last step."""
-        self.untaken: Untaken | None = None
-        """The last Controlword that the drive did not take, as it was asked."""
+        self._untaken: dict[tuple[int, int], Finding] = {}
+        """The last Controlword that the drive did not take, by ``_place``."""
         self.limits: Answer | None = None
         """The limits of the drive, as they were read when the axis began to lag."""
         self._limits_asked = -_ASK_AGAIN_NS
@@ -326,10 +324,15 @@ class Axis(DriveObject):
         return Scaling() if drive_type is None else drive_type.scaling
 
     @property
+    def setpoints(self) -> Iterable[tuple[Signal, int]]:
+        """The signals of the PLC with their raw values; empty without a PLC."""
+        return zip(self.telegram.setpoints.signals, self.machine.inputs.setpoints or (), strict=False)
+
+    @property
     def speed_setpoint_rpm(self) -> float | None:
         """The speed setpoint of the PLC; None without one, or while 100 % of the drive is unknown."""
         rated = self.scaling.rated_speed_rpm
-        for item, raw in zip(self.telegram.setpoints.signals, self.machine.inputs.setpoints or (), strict=False):
+        for item, raw in self.setpoints:
             percent = item.percent(raw) if item.quantity is SignalQuantity.SPEED else None
             if percent is not None and rated is not None:
                 return percent * float(rated) / 100
@@ -341,7 +344,7 @@ class Axis(DriveObject):
         super()._record(record)
 
     def _serve(self, outputs: Outputs) -> None:
-        if outputs.reason is not self._reported_reason and outputs.reason in _UNFOLLOWED:
+        if outputs.reason is not self._reported_reason and outputs.reason in UNFOLLOWED:
             self.network.loop.call_later(PATIENCE_NS, self._ask_controlword)
         super()._serve(outputs)
         if outputs.events is not None and outputs.events.read_fault:
@@ -349,14 +352,15 @@ class Axis(DriveObject):
 
     def _ask_controlword(self) -> None:
         """The drive does not follow ON: does it have the Controlword that was sent?"""
-        sent, shown, generation = self._word, self.drive.feedback.statusword & STATE_MASK, self._generation
-        if not self.good or self.outputs.reason not in _UNFOLLOWED:
+        sent, place = self._word, self._place
+        if not self.good or self.outputs.reason not in UNFOLLOWED:
             return
 
         def compare(answer: Answer) -> None:
             if self._word == sent and answer.contradicts(CONTROLWORD, sent, _POWER_BITS):
-                self.untaken = untaken = Untaken(sent, answer.values.get(CONTROLWORD), shown, generation)
-                self.origins.prove(untaken.found._replace(since_ns=self.network.loop.now()))
+                found = untaken(sent, answer.values.get(CONTROLWORD))
+                self._untaken = {place: found}
+                self.origins.prove(found._replace(since_ns=self.network.loop.now()))
 
         ask(self.drive, [CONTROLWORD], compare)
 
@@ -368,11 +372,12 @@ class Axis(DriveObject):
             if reported.active and record.code in PDO_ERRORS:
                 evidence = f"the drive does not process the gateway's RPDOs: {record.text}"
                 return Finding(Reason.NOT_OPERATING, evidence, REMAP, by=By.DRIVE)
-        untaken = self.untaken
-        shown = self.drive.feedback.statusword & STATE_MASK
-        if untaken is None or (untaken.shown, untaken.generation) != (shown, self._generation):
-            return None
-        return untaken.found
+        return self._untaken.get(self._place)
+
+    @property
+    def _place(self) -> tuple[int, int]:
+        """The state of the drive, as bits of the Statusword, and the number of the configuration of its node."""
+        return self.drive.feedback.statusword & STATE_MASK, self._generation
 
     @property
     def acknowledged_in_vain(self) -> bool:

@@ -28,7 +28,7 @@ class BitEffect(NamedTuple):
 _WORDS: Final = ("STW1", "Controlword")
 _STOPS: Final = (Reason.COAST_STOP, Reason.QUICK_STOP, Reason.HELD_OFF)
 _SETPOINT: Final = (Reason.SETPOINT_DISABLED,)
-_AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
+AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
 BIT_EFFECTS: Final = (
     BitEffect(_WORDS, 1, _STOPS, "OFF2"),
     BitEffect(_WORDS, 2, _STOPS, "OFF3"),
@@ -38,8 +38,8 @@ BIT_EFFECTS: Final = (
     BitEffect(("STW1",), 6, _SETPOINT, "the setpoint is 0"),
     BitEffect(("STW1",), 4, (Reason.REJECTED,)),
     BitEffect(("Statusword",), 9, (Reason.LOCAL_MODE, Reason.LOCAL_TURNS), "local mode"),
-    BitEffect(("60FDh",), 0, _AT_LIMIT, "negative limit switch", 1),
-    BitEffect(("60FDh",), 1, _AT_LIMIT, "positive limit switch", 1),
+    BitEffect(("60FDh",), 0, AT_LIMIT, "negative limit switch", 1),
+    BitEffect(("60FDh",), 1, AT_LIMIT, "positive limit switch", 1),
 )
 
 

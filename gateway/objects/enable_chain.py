@@ -36,11 +36,11 @@ from pdgw.gateway.base.steps import (
     with_on,
 )
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.objects.bit_effects import bit_effects
+from pdgw.gateway.objects.bit_effects import AT_LIMIT, bit_effects
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.inquiry import SENDS_NOTHING
+from pdgw.gateway.objects.inquiry import SENDS_NOTHING, UNFOLLOWED
 from pdgw.gateway.objects.lag import lag_of, reductions
 from pdgw.gateway.objects.origins import of_fault
 from pdgw.profidrive.encoder import (
@@ -79,18 +79,8 @@ _ONLY_WITHOUT_POWER: Final = "only safe torque off (STO) or switching its supply
 _HOME_LOST: Final = "the home position was lost with the drive"
 _KEEPS: Final = "the last setpoint stays"
 _WITHOUT_MDI: Final = "the task had MDI (SATZANW.15 = 1), which this telegram does not have: it was not started"
-_PHYSICAL = (Enable.BUS, Enable.NODE)
-AXIS_CHAIN: Final = (
-    *_PHYSICAL,
-    Enable.SUPPLY,
-    Enable.NO_FAULT,
-    Enable.OPERATION,
-    Enable.PLC,
-    Enable.CONTROL,
-    Enable.ON_EDGE,
-    Enable.SETPOINT,
-)
-ENCODER_CHAIN: Final = (*_PHYSICAL, Enable.NO_FAULT, Enable.PLC, Enable.CONTROL, Enable.SENSOR)
+AXIS_CHAIN: Final = tuple(enable for enable in Enable if enable is not Enable.SENSOR)
+ENCODER_CHAIN: Final = (Enable.BUS, Enable.NODE, Enable.NO_FAULT, Enable.PLC, Enable.CONTROL, Enable.SENSOR)
 _ASKS = (PowerWish.ON, PowerWish.ENABLE, PowerWish.RESUME, PowerWish.HOLD)
 _STOPS: Final = {
     PowerWish.COAST: Reason.COAST_STOP,
@@ -106,7 +96,6 @@ _NAMED: Final = {
     Reason.LOST_JOG: 3 << 8,
 }
 """Bits of STW1 that a reason names."""
-_AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
 _SPEEDS: Final = (SignalQuantity.SPEED, SignalQuantity.MOTION_VELOCITY)
 _FULL: Final = 100.0
 _BLOCKS_ALONE: Final = 7
@@ -283,20 +272,17 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
     unstopped = _unstopped(axis)
     if unstopped is not None or not machine.units_contradicted:
         chain.check_severe(_acknowledge(axis), unstopped)
-    if axis.released and axis.powered and axis.turns:
-        return chain.enable_status(AxisState.OBEYS)
-    return chain.enable_status(
-        AxisState.STOPPING if axis.turns or axis.good and axis.powered and not axis.released else None
-    )
+    if in_operation:
+        return chain.enable_status(AxisState.OBEYS if axis.turns else None)
+    return chain.enable_status(AxisState.STOPPING if axis.turns or axis.good and axis.powered else None)
 
 
 def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     """Supply, fault and operation of a drive that is online."""
     machine, demand, powered = axis.machine, axis.machine.demand, state in POWERED
     reason, statusword = machine.outputs.reason, axis.drive.feedback.statusword
-    missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
     asks = demand.connected and demand.power in _ASKS
-    commanded = asks and machine.interlock.reason in missing
+    commanded = asks and machine.interlock.reason in UNFOLLOWED
     again = asks and not axis.released
     if state in FAULTY:
         cause = axis.cause
@@ -432,9 +418,9 @@ def _order_of(chain: _Chain, axis: Axis, reason: Reason) -> Finding:
         todo = ("configure it in [[axis.block]]", *todo[1:])
     elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and (limits := positioner.software_limits):
         more = f": {limits[0]} to {limits[1]} LU"
-    elif reason in _AT_LIMIT and axis.drive.feedback.digital_inputs & _BOTH_SWITCHES == _BOTH_SWITCHES:
+    elif reason in AT_LIMIT and axis.drive.feedback.digital_inputs & _BOTH_SWITCHES == _BOTH_SWITCHES:
         todo = (_SWITCHES,)
-    elif reason in _AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:
+    elif reason in AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:
         stopped, free = ("positive", "negative") if executor.limit_side > 0 else ("negative", "positive")
         more = f", in {stopped} direction"
         order = f"the {free} direction is free: send a setpoint or a task in {free} direction"
@@ -457,19 +443,23 @@ def activity(axis: Axis) -> str:
 
 def _frozen_text(axis: Axis) -> str:
     """Evidence of a ramp that STW1.5 = 0 has stopped."""
-    per_rpm, target = axis.scaling.velocity_per_rpm, axis.machine.outputs.command.target_velocity
-    held = f"{float(target / per_rpm):g} rpm" if per_rpm else f"60FFh = {target}"
+    held = _speed(axis, "60FFh", axis.machine.outputs.command.target_velocity)
     setpoint = axis.speed_setpoint_rpm
     ignored = "" if setpoint is None else f", setpoint {setpoint:.4g} rpm not followed"
     return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}"
+
+
+def _speed(axis: Axis, name: str, value: int) -> str:
+    """The value of an object in rpm, or in its own units if they are unknown."""
+    per_rpm = axis.scaling.velocity_per_rpm
+    return f"{float(value / per_rpm):g} rpm" if per_rpm else f"{name} = {value}"
 
 
 def _unstopped(axis: Axis) -> Finding | None:
     """A drive that turns and that no stop of the gateway stops; None while there is one left."""
     if not (since_ns := axis.machine.unstopped_since):
         return None
-    velocity, per_rpm = axis.drive.feedback.velocity_actual, axis.scaling.velocity_per_rpm
-    speed = f"{float(velocity / per_rpm):g} rpm" if per_rpm else f"606Ch = {velocity}"
+    speed = _speed(axis, "606Ch", axis.drive.feedback.velocity_actual)
     more = f", for {(axis.network.loop.now() - since_ns) // SECOND} s, with {speed}"
     text = "no stop of the gateway stops the drive: it turns"
     return Finding(Reason.SEVERE_FAULT, text, (_ONLY_WITHOUT_POWER,), since_ns=since_ns, more=more)
@@ -543,11 +533,11 @@ def notes(axis: Axis) -> list[str]:
         speed = "; a negative setpoint turns backwards" if is_speed else ""
         found.append(f"without effect in telegram {axis.telegram.number}: {ones}{speed}")
     limited = axis.good and axis.drive.feedback.statusword & StatusBit.INTERNAL_LIMIT
-    if limited and axis.machine.outputs.reason not in _AT_LIMIT:
+    if limited and axis.machine.outputs.reason not in AT_LIMIT:
         found.append("the drive reports an internal limit (Statusword.11 = 1), which does not limit this motion")
     if is_speed and (bits := _bits(word & DEVICE_BITS)):
         found.append(f"sent to the drive as the same bits of the Controlword: {', '.join(bits)}")
-    for item, raw in zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False):
+    for item, raw in axis.setpoints:
         percent = item.percent(raw) if item.quantity in _SPEEDS else None
         if percent is not None and abs(percent) > _FULL:
             found.append(

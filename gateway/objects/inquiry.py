@@ -25,6 +25,8 @@ from pdgw.dsp402.objects import (
 from pdgw.gateway.base.reasons import By, Finding, Reason
 
 Address = tuple[int, int]
+UNFOLLOWED: Final = (Reason.INHIBITED, Reason.NOT_OPERATING)
+"""ON is commanded, and the drive does not show that it follows."""
 PATIENCE_NS: Final = 200 * MS
 """A drive shows within this time that it follows a Controlword; then it is asked which one it has."""
 
@@ -91,25 +93,12 @@ def ask(drive: DriveClient, addresses: Iterable[Address], then: Callable[[Answer
     drive.submit(read)
 
 
-@dataclass(frozen=True, slots=True)
-class Untaken:
-    """A Controlword that the drive did not take in a state."""
-
-    sent: int
-    has: int | None
-    """6040h as the drive has it; None: it answered no SDO request."""
-    shown: int
-    """The state, as bits of the Statusword."""
-    generation: int
-    """Number of the configuration of the node."""
-
-    @property
-    def found(self) -> Finding:
-        """Evidence and remedy."""
-        if self.has is None:
-            return SENDS_NOTHING
-        evidence = f"the drive does not take the Controlword: 6040h is {self.has:04X}h, {self.sent:04X}h was sent"
-        return Finding(Reason.NOT_OPERATING, evidence, REMAP, by=By.DRIVE)
+def untaken(sent: int, has: int | None) -> Finding:
+    """The drive did not take the Controlword that was sent. ``has``: its 6040h; None: it answered no SDO request."""
+    if has is None:
+        return SENDS_NOTHING
+    evidence = f"the drive does not take the Controlword: 6040h is {has:04X}h, {sent:04X}h was sent"
+    return Finding(Reason.NOT_OPERATING, evidence, REMAP, by=By.DRIVE)
 
 
 SENDS_NOTHING: Final = Finding(

@@ -40,7 +40,7 @@ def lag_of(axis: Axis) -> Finding | None:
 
 def reductions(axis: Axis) -> Iterator[str]:
     """What the PLC itself reduces: MOMRED above 0."""
-    for item, raw in zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False):
+    for item, raw in axis.setpoints:
         if item.name == "MOMRED" and (item.percent(raw) or 0) > 0:
             yield f"MOMRED = {value_text(item, raw)}"
 

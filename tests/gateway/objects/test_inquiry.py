@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.gateway.objects.inquiry import SENDS_NOTHING, Answer, Untaken
+from pdgw.gateway.objects.inquiry import SENDS_NOTHING, Answer, untaken
 
 WORD = (0x6040, 0)
 
@@ -26,5 +26,5 @@ def test_only_another_command_or_no_answer_contradicts_what_was_sent(answer: Ans
 
 
 def test_no_answer_means_an_interface_that_sends_nothing() -> None:
-    assert Untaken(0x06, None, 0x40, 1).found == SENDS_NOTHING
-    assert "6040h is 0000h, 0006h was sent" in Untaken(0x06, 0, 0x40, 1).found.evidence
+    assert untaken(0x06, None) == SENDS_NOTHING
+    assert "6040h is 0000h, 0006h was sent" in untaken(0x06, 0).evidence
