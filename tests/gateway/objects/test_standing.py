@@ -1,4 +1,4 @@
-"""The first line of each situation is true an hour later, and after a restart of the gateway."""
+"""The first line of each situation is true later, and after a restart of the gateway, over both links."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_text import cause_sentence
 from tests.conformance.rig import COMPLETE
-from tests.gateway.objects.test_happenings import judge
+from tests.gateway.objects.test_happenings import IN_SUITE, judge
 from tests.support.documents.night_situations import NIGHT_SITUATIONS
 from tests.support.documents.situation_table import BY_LINK
 from tests.support.documents.situations import SLOW_PLC, at_situation, run_out
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.gateways.restart import COMMANDED, KILLED, restarted
 
-_LATER_NS = 3600 * SECOND if COMPLETE else 20 * SECOND
-_SLOWER_PLC = "cycle_time_ms = 100\nwatchdog_factor = 3"
-"""For an hour: the same watchdog time, with a fifth of the cycles."""
+_LATER_NS = {"udp": (3600 if COMPLETE else 20) * SECOND, "profinet": 20 * SECOND}
+"""A controller takes more time for an hour than a PLC on UDP."""
+_SLOWER = {SLOW_PLC: "cycle_time_ms = 100\nwatchdog_factor = 3"}
+"""The same watchdog time, with a fifth of the cycles."""
 _END = {
     "safe torque off: the drive does not follow ON",
     "the drive waits in Switched On until its brake is open",
@@ -81,6 +82,16 @@ _AFTER_A_RESTART: dict[str, tuple[str, ...]] = {
     ),
 }
 """Words of the first line where it is neither that of before nor that of an ignored ON. What is over is not named."""
+_NO_CONTROLLER = ("Waits: no controller has connected to the name of station press-1",)
+_OVER_PROFINET = {title: _NO_CONTROLLER if words is _NO_PLC else words for title, words in _AFTER_A_RESTART.items()} | {
+    "another controller is rejected, then the controller is silent": _NO_CONTROLLER,
+    "the controller's project was rejected once before, then the controller is silent": _NO_CONTROLLER,
+    "the controller ends the relationship with an error": _NO_CONTROLLER,
+}
+"""The same over PROFINET: a controller that is silent has no relationship with the next gateway."""
+_READINGS = {"udp": _AFTER_A_RESTART, "profinet": _OVER_PROFINET}
+_CONNECTS_AGAIN = "the controller does not receive the calls of the device"
+"""To the next gateway too: its line has the time of that."""
 _STARTS_NOT = "the CAN adapter is unplugged"
 _TIME = re.compile(r"\d\d:\d\d:\d\d")
 _TIME_LENGTH = len("22:13:20")
@@ -93,41 +104,38 @@ def line_of(daemon: Daemon) -> str:
     return cause_sentence(document["causes"][0]) if document["causes"] else str(item["sentence"])
 
 
-@pytest.mark.parametrize("title", sorted(BY_LINK["udp"].keys() - _END))
-def test_first_line_is_true_later(title: str) -> None:
-    situation = BY_LINK["udp"][title]
-    if COMPLETE and situation.transport == SLOW_PLC:
-        situation = replace(situation, transport=_SLOWER_PLC)
-    with at_situation(situation, "udp") as (daemon, plc):
-        run_out(plc, _LATER_NS)
-        judge(situation, daemon)
-
-
-@pytest.mark.parametrize("title", sorted(BY_LINK["udp"].keys() - {_STARTS_NOT}))
-def test_first_line_is_true_after_a_restart(title: str) -> None:
-    """It names again what is still there. For what happened before the restart, it shows the time at which that happened."""
-    situation = BY_LINK["udp"][title]
-    with at_situation(situation) as (daemon, plc):
+@pytest.mark.parametrize(
+    ("link", "title"),
+    [(link, title) for link, found in (BY_LINK if COMPLETE else IN_SUITE).items() for title in sorted(found)],
+)
+def test_first_line_is_true_later_and_after_a_restart(link: str, title: str) -> None:
+    """The next gateway names again what is still there. For what happened before, it shows the time at which that happened."""
+    situation, words = BY_LINK[link][title], _READINGS[link].get(title)
+    situation = replace(situation, transport=_SLOWER.get(situation.transport, situation.transport))
+    with at_situation(situation, link) as (daemon, plc):
         before = line_of(daemon)
+        if title not in _END:
+            run_out(plc, _LATER_NS[link])
+            judge(situation, daemon)
+        if title == _STARTS_NOT:
+            with pytest.raises(CanopenError, match="one that is plugged in"), restarted(plc, daemon):
+                pass
+            return
         with restarted(plc, daemon) as following:
             kept = [item.origins.last(following.loop) for item in following.objects]
             run_out(plc, _STARTED_NS)
             line = line_of(following)
-            if title in _AFTER_A_RESTART:
-                assert [text for text in _AFTER_A_RESTART[title] if text.lower() not in line.lower()] == [], line
+            if words is not None:
+                assert [text for text in words if text.lower() not in line.lower()] == [], line
             elif _IGNORED in line:
                 assert COMMANDED in line
                 assert all(text in line for text in kept), line
             else:
                 judge(situation, following)
+            if title == _CONNECTS_AGAIN:
+                return
             times = _TIME.findall(line.partition(_IGNORED)[2][_TIME_LENGTH:] or line)
             assert set(times) <= {*_TIME.findall(" ".join((before, COMMANDED, *kept)))}, "nothing else has begun"
-
-
-def test_gateway_does_not_start_without_its_interface() -> None:
-    refused = pytest.raises(CanopenError, match="one that is plugged in")
-    with at_situation(BY_LINK["udp"][_STARTS_NOT]) as (daemon, plc), refused, restarted(plc, daemon):
-        pass
 
 
 @pytest.mark.parametrize("kept", ["", "CAN bus lost, since 04:11:02"])

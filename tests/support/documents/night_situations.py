@@ -456,7 +456,8 @@ NIGHT_SITUATIONS: dict[str, Situation] = {
         begin=_pause,
         says=(
             "Waits: ON ignored: ",
-            "the gateway did not run for 4 s (machine paused",
+            "the gateway did not run for ",
+            " s (machine paused",
             "Find what pauses or overloads the machine",
             "; then OFF and ON",
         ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.base.durations import MS
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import DEFAULT_GATEWAY_NODE_ID, EMCY, ERROR_CONTROL, NMT, NmtCommand, NmtState
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.base.reasons import Enable
@@ -99,7 +99,7 @@ def wait_in_ready(plc: Plc, daemon: Daemon) -> None:
     run_out(plc)
     drive_of(daemon).model.disguises.append(shows)
     plc.endpoint.set(0, {"STW1": ON})
-    run_out(plc, daemon.axes[0].config.enter_ms * MS)
+    run_out(plc, daemon.axes[0].config.enter_ms * MS + SECOND)  # a controller's ON comes some cycles later
 
 
 def set_local_switched_on(plc: Plc, daemon: Daemon) -> None:

@@ -8,7 +8,9 @@ from contextlib import contextmanager
 from pdgw.base.durations import MS, SECOND
 from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.links.profinet.io_device import ProfinetLink
 from tests.support.gateways.daemon import Plc, world_of
+from tests.support.gateways.profinet_daemon import ControllerPlc
 
 COMMANDED = "the last one ended on 2026-03-01 at 04:11:02: stopped as commanded"
 KILLED = "the last one was killed or has crashed, its last sign of life was on 2026-03-01 at 04:11:02"
@@ -35,12 +37,16 @@ def restarted(plc: Plc, daemon: Daemon, *, killed: bool = False) -> Iterator[Dae
     if before in world.bus("world").members:
         world.bus("world").members.remove(before)
     _pass(plc, SECOND)  # a heartbeat consumer notices it
-    following = build_gateway(daemon.config, world)
+    site = plc.site if isinstance(plc, ControllerPlc) else None
+    following = build_gateway(daemon.config, world, None if site is None else site.port)
     port = world.gateway_port("world")  # the same controller, in its state
     port.restart_ns, port.bus_off = before.restart_ns, before.bus_off
     vars(port).update((name, value) for name, value in vars(before).items() if name == "send")
     following.recall(ended, kept)
     plc.daemon, plc.gateway = following, following.address
+    if site is not None:
+        assert isinstance(following.link, ProfinetLink)
+        site.daemon, site.link = following, following.link
     following.start()
     yield following
     following.stop()

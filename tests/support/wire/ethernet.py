@@ -38,6 +38,7 @@ class FakeEthernet:
         self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
     ) -> None:
         self.on_real_time, self.on_other, self.on_link = on_real_time, on_other, on_link
+        self.closed = False
 
     def listen(self, *, on: bool) -> None:
         self.listening = on
@@ -75,6 +76,8 @@ class FakeEthernet:
         self.closed = True
 
     def arrive(self, address: Address | None, data: bytes) -> None:
+        if self.closed:
+            return
         if address is not None:
             self.datagrams.append((data, (PLC_IP, ACYCLIC_PORT)))
             self.on_other()
