@@ -46,6 +46,9 @@ _REFUSED: Final = {
 """What to do about a field of a refused Connect; about others: compare the project."""
 
 
+_IS_IT_ON: Final = "check that the controller is on, and its cable"
+
+
 def _controller(relation: ApplicationRelation) -> str:
     return f"controller {relation.plan.ar.station_name} ({relation.source[0]})"
 
@@ -103,7 +106,8 @@ def without_relationship(
         end, beside = ended.finding, "" if refused is None else f"; {refused.text}"
         lost = "PLC lost: " if end.reason is Reason.PLC_LOST else ""
         return end._replace(evidence=f"{lost}{end.evidence}{beside}")
-    return Finding.of(Reason.NO_RELATIONSHIP, f"no controller has connected to the name of station {station.name}")
+    text = f"no controller has connected to the name of station {station.name}"
+    return Finding(Reason.NO_RELATIONSHIP, text, (_IS_IT_ON, *Reason.NO_RELATIONSHIP.remedy))
 
 
 # -- frames -----------------------------------------------------------------------------------------------------------

@@ -82,7 +82,7 @@ _AFTER_A_RESTART: dict[str, tuple[str, ...]] = {
     ),
 }
 """Words of the first line where it is neither that of before nor that of an ignored ON. What is over is not named."""
-_NO_CONTROLLER = ("Waits: no controller has connected to the name of station press-1",)
+_NO_CONTROLLER = ("Waits: no controller has connected to the name of station press-1", "the controller is on", "cable")
 _OVER_PROFINET = {title: _NO_CONTROLLER if words is _NO_PLC else words for title, words in _AFTER_A_RESTART.items()} | {
     "another controller is rejected, then the controller is silent": _NO_CONTROLLER,
     "the controller's project was rejected once before, then the controller is silent": _NO_CONTROLLER,
