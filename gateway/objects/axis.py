@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
-from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR
@@ -24,7 +23,6 @@ from pdgw.dsp402.objects import (
     HOMING_METHOD,
     MAX_TORQUE,
     MODE,
-    MODE_DISPLAY,
 )
 from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
@@ -40,20 +38,17 @@ from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
-from pdgw.gateway.objects.inquiry import LIMITS, PATIENCE_NS, REMAP, UNFOLLOWED, Answer, ask, untaken
+from pdgw.gateway.objects.inquiry import PATIENCE_NS, REMAP, UNFOLLOWED, Answer, LimitInquiry, ask, untaken
 from pdgw.gateway.objects.origins import ORDERS, used_up
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
-from pdgw.profidrive.signals import Signal, SignalQuantity
 from pdgw.profidrive.telegrams import telegram
 
 _OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0), CONTROLWORD, MODE}
 _REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """Format of the drive's second encoder; its resolution is not read."""
-_ASK_AGAIN_NS: Final = 10 * SECOND
-"""The limits of a drive are read so often at most."""
 _POWER_BITS: Final = 0x8F
 """Bits 0 to 3 and 7 of the Controlword, which a drive shows as they were sent."""
 _NO_BRAKE: Final = Brake.NONE
@@ -107,9 +102,7 @@ class Axis(DriveObject):
         """P953, and ``AxisMachine.lags_since``, after the last step."""
         self._untaken: dict[tuple[int, int], Finding] = {}
         """The last Controlword that the drive did not take, by ``_place``."""
-        self.limits: Answer | None = None
-        """The limits of the drive, as they were read when the axis began to lag."""
-        self._limits_asked = -_ASK_AGAIN_NS
+        self.limits = LimitInquiry(self.drive)
         self._sound_until = 0
         """When it was not in fault last."""
 
@@ -214,20 +207,8 @@ class Axis(DriveObject):
         if lags_since != self._lags_since:
             self._show_reason()
             if lags_since:
-                self._ask_limits()
+                self.limits.ask(self.network.loop.now())
         self._warning, self._lags_since = warning, lags_since
-
-    def _ask_limits(self) -> None:
-        """The axis has begun to lag: which limits does the drive have?"""
-        now = self.network.loop.now()
-        if now - self._limits_asked < _ASK_AGAIN_NS:
-            return
-        self._limits_asked, self.limits = now, None
-
-        def keep(answer: Answer) -> None:
-            self.limits = answer
-
-        ask(self.drive, [MODE_DISPLAY, *(limit.address for limit in LIMITS)], keep)
 
     def _turn_origin(self, outputs: Outputs, now: int) -> None:
         """The drive follows the PLC again, or something has begun a stop."""
@@ -323,21 +304,6 @@ class Axis(DriveObject):
         drive_type = self.drive.drive_type
         return Scaling() if drive_type is None else drive_type.scaling
 
-    @property
-    def setpoints(self) -> Iterable[tuple[Signal, int]]:
-        """The signals of the PLC with their raw values; empty without a PLC."""
-        return zip(self.telegram.setpoints.signals, self.machine.inputs.setpoints or (), strict=False)
-
-    @property
-    def speed_setpoint_rpm(self) -> float | None:
-        """The speed setpoint of the PLC; None without one, or while 100 % of the drive is unknown."""
-        rated = self.scaling.rated_speed_rpm
-        for item, raw in self.setpoints:
-            percent = item.percent(raw) if item.quantity is SignalQuantity.SPEED else None
-            if percent is not None and rated is not None:
-                return percent * float(rated) / 100
-        return None
-
     def _record(self, record: FaultRecord) -> None:
         if not record.is_warning:
             self.machine.adapter.unheard = False
@@ -367,9 +333,8 @@ class Axis(DriveObject):
     @property
     def unheard(self) -> Finding | None:
         """That the drive does not take the gateway's RPDOs; None: nothing shows that."""
-        for reported in self.fault_log.reported(present=self.outputs.warning):
-            record = reported.record
-            if reported.active and record.code in PDO_ERRORS:
+        for record in self.active_reports():
+            if record.code in PDO_ERRORS:
                 evidence = f"the drive does not process the gateway's RPDOs: {record.text}"
                 return Finding(Reason.NOT_OPERATING, evidence, REMAP, by=By.DRIVE)
         return self._untaken.get(self._place)
@@ -390,11 +355,10 @@ class Axis(DriveObject):
         if state_of(self.drive.feedback.statusword) not in FAULTY:
             return origin
         own = self.fault_log.of_device(self.machine.fault_began - EMERGENCY_PATIENCE_NS)
-        if own is not None and self.acknowledged_in_vain:
-            return own  # what it follows from is over
+        if own is not None and (self.acknowledged_in_vain or own.record.is_explained):
+            return own  # what it follows from is over, or it follows from nothing
         present = self.origins.present
-        follows = present is not None and present.number in GATEWAY_FAULTS
-        return origin if follows and (own is None or not own.record.is_explained) else own
+        return origin if present is not None and present.number in GATEWAY_FAULTS else own
 
     @property
     def encoders(self) -> list[EncoderObject | None]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import logging
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from typing import Any, ClassVar
 
@@ -199,6 +199,11 @@ class DriveObject(abc.ABC):
     def faults(self) -> Sequence[FaultRecord]:
         """The latest faults and warnings, oldest first."""
         return self.fault_log.history
+
+    def active_reports(self) -> Iterator[FaultRecord]:
+        """Faults that are not acknowledged, and warnings that are active, the newest first."""
+        reported = self.fault_log.reported(present=self.outputs.warning)
+        return (item.record for item in reported if item.active)
 
     @property
     def enable_status(self) -> EnableStatus:

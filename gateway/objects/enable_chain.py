@@ -41,7 +41,7 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.inquiry import SENDS_NOTHING, UNFOLLOWED
-from pdgw.gateway.objects.lag import lag_of, reductions
+from pdgw.gateway.objects.lag import lag_of, reductions, setpoints, speed_setpoint_rpm
 from pdgw.gateway.objects.origins import of_fault
 from pdgw.profidrive.encoder import (
     ENCODER_ACKNOWLEDGE,
@@ -444,7 +444,7 @@ def activity(axis: Axis) -> str:
 def _frozen_text(axis: Axis) -> str:
     """Evidence of a ramp that STW1.5 = 0 has stopped."""
     held = _speed(axis, "60FFh", axis.machine.outputs.command.target_velocity)
-    setpoint = axis.speed_setpoint_rpm
+    setpoint = speed_setpoint_rpm(axis)
     ignored = "" if setpoint is None else f", setpoint {setpoint:.4g} rpm not followed"
     return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}"
 
@@ -511,10 +511,9 @@ def _hindrance(no_control: bool, in_vain: bool, level: int, unheard: bool) -> Hi
 
 def device_warning(item: DriveObject) -> str:
     """The newest active warning that the device itself reports, or of its speed; empty without one."""
-    for reported in item.fault_log.reported(present=item.outputs.warning):
-        record = reported.record
+    for record in item.active_reports():
         of_device = record.of_device or record.number == FaultNumber.VELOCITY_DEVIATES
-        if reported.active and record.is_warning and of_device:
+        if record.is_warning and of_device:
             return f"warning {record.number}: {record.text}"
     if not item.outputs.warning & DEVICE_WARNING:
         return ""
@@ -537,7 +536,7 @@ def notes(axis: Axis) -> list[str]:
         found.append("the drive reports an internal limit (Statusword.11 = 1), which does not limit this motion")
     if is_speed and (bits := _bits(word & DEVICE_BITS)):
         found.append(f"sent to the drive as the same bits of the Controlword: {', '.join(bits)}")
-    for item, raw in axis.setpoints:
+    for item, raw in setpoints(axis):
         percent = item.percent(raw) if item.quantity in _SPEEDS else None
         if percent is not None and abs(percent) > _FULL:
             found.append(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from pdgw.base.durations import MS
+from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.aborts import CanopenError, SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.bus.health import Outage
 from pdgw.dsp402.drive.client import DriveClient
@@ -18,6 +18,7 @@ from pdgw.dsp402.objects import (
     MAX_MOTOR_SPEED,
     MAX_PROFILE_VELOCITY,
     MAX_TORQUE,
+    MODE_DISPLAY,
     NEGATIVE_TORQUE_LIMIT,
     POSITIVE_TORQUE_LIMIT,
     PROFILE_ACCELERATION,
@@ -27,6 +28,8 @@ from pdgw.gateway.base.reasons import By, Finding, Reason
 Address = tuple[int, int]
 UNFOLLOWED: Final = (Reason.INHIBITED, Reason.NOT_OPERATING)
 """ON is commanded, and the drive does not show that it follows."""
+_AGAIN_NS: Final = 10 * SECOND
+"""The limits of a drive are read so often at most."""
 PATIENCE_NS: Final = 200 * MS
 """A drive shows within this time that it follows a Controlword; then it is asked which one it has."""
 
@@ -91,6 +94,27 @@ def ask(drive: DriveClient, addresses: Iterable[Address], then: Callable[[Answer
         then(Answer(values, silent))
 
     drive.submit(read)
+
+
+class LimitInquiry:
+    """The limits of one drive, which are read when its axis begins to lag."""
+
+    def __init__(self, drive: DriveClient) -> None:
+        self.answer: Answer | None = None
+        """None: none has come since the last question."""
+        self._drive = drive
+        self._asked = -_AGAIN_NS
+
+    def ask(self, now: int) -> None:
+        """Ask for them, unless that was done a moment ago."""
+        if now - self._asked < _AGAIN_NS:
+            return
+        self._asked, self.answer = now, None
+
+        def keep(answer: Answer) -> None:
+            self.answer = answer
+
+        ask(self._drive, [MODE_DISPLAY, *(limit.address for limit in LIMITS)], keep)
 
 
 def untaken(sent: int, has: int | None) -> Finding:

@@ -1,8 +1,8 @@
-"""An axis in operation that does not follow its setpoint: since when, and which limits of the drive are in force."""
+"""The setpoint of an axis, and one that it does not follow: since when, and which limits of the drive are in force."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from pdgw.dsp402.modes import Mode
@@ -12,6 +12,7 @@ from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.inquiry import LIMITS, SENDS_NOTHING, LimitKind
 from pdgw.profidrive.signal_text import value_text
+from pdgw.profidrive.signals import Signal, SignalQuantity
 
 _WIDEN: Final = ("raise this limit, or give a setpoint within it",)
 
@@ -22,7 +23,7 @@ def lag_of(axis: Axis) -> Finding | None:
     if not lags or axis.machine.outputs.reason is not None:
         return None
     found = Finding(Reason.LAGS, "does not follow its setpoint", Reason.LAGS.remedy, since_ns=lags)
-    answer = axis.limits
+    answer = axis.limits.answer
     if answer is not None and answer.silent:
         return found._replace(more=f": {SENDS_NOTHING.evidence}", remedy=SENDS_NOTHING.remedy)
     values = {} if answer is None else answer.values
@@ -38,9 +39,24 @@ def lag_of(axis: Axis) -> Finding | None:
     return found._replace(more=f"; limits of the drive: {', '.join(shown)}" if shown else "")
 
 
+def setpoints(axis: Axis) -> Iterable[tuple[Signal, int]]:
+    """The signals of the PLC with their raw values; empty without a PLC."""
+    return zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False)
+
+
+def speed_setpoint_rpm(axis: Axis) -> float | None:
+    """The speed setpoint of the PLC; None without one, or while 100 % of the drive is unknown."""
+    rated = axis.scaling.rated_speed_rpm
+    for item, raw in setpoints(axis):
+        percent = item.percent(raw) if item.quantity is SignalQuantity.SPEED else None
+        if percent is not None and rated is not None:
+            return percent * float(rated) / 100
+    return None
+
+
 def reductions(axis: Axis) -> Iterator[str]:
     """What the PLC itself reduces: MOMRED above 0."""
-    for item, raw in axis.setpoints:
+    for item, raw in setpoints(axis):
         if item.name == "MOMRED" and (item.percent(raw) or 0) > 0:
             yield f"MOMRED = {value_text(item, raw)}"
 
@@ -53,5 +69,5 @@ def _explains(axis: Axis, kind: LimitKind, value: int, mode: int) -> bool:
         return value == 0 and mode == Mode.VELOCITY
     if kind is LimitKind.SPEED:
         return value < abs(axis.outputs.command.target_velocity)
-    setpoint = axis.speed_setpoint_rpm
+    setpoint = speed_setpoint_rpm(axis)
     return setpoint is not None and value < abs(setpoint)

@@ -26,6 +26,7 @@ from pdgw.gateway.objects.enable_chain import activity, device_warning, notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import LINES, around_the_last_stop
+from pdgw.gateway.objects.lag import speed_setpoint_rpm
 from pdgw.gateway.objects.protections import protections
 from pdgw.gateway.objects.totals import FLAPS
 from pdgw.gateway.service.causes import causes, who
@@ -213,7 +214,7 @@ def _speed_text(speed: float | None, unit: str, velocity: int | None, axis: Axis
     """The speed for people, beside the setpoint that an axis on the bus has; empty if unknown."""
     if speed is None:
         return "" if velocity is None else f"{velocity} velocity units"
-    setpoint = axis.speed_setpoint_rpm if axis is not None and axis.good else None
+    setpoint = speed_setpoint_rpm(axis) if axis is not None and axis.good else None
     if axis is None or setpoint is None:
         return f"{speed:g} {unit}"
     return f"{speed:g} of {setpoint:.5g} {unit}{', does not follow' if axis.machine.lags_since else ''}"
