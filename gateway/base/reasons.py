@@ -634,7 +634,7 @@ class Finding(NamedTuple):
     code: int = 0
     """The code of it (P945)."""
     last_ns: int | None = None
-    """When it was reported last; None: it is no fault."""
+    """When it was reported last; None: it is not a fault."""
     ended: str = ""
     """Of a start: how the last gateway ended,"""
     before: str = ""
