@@ -44,8 +44,9 @@ from pdgw.gateway.daemon.sync import SyncProducer
 from pdgw.gateway.links.cyclic import IDLE_NS
 from pdgw.gateway.links.link import Link, UdpLink
 from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.axis_chain import axis_enable_status
 from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.objects.enable_chain import axis_enable_status, encoder_enable_status
+from pdgw.gateway.objects.enable_chain import encoder_enable_status
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.service.cycle_times import CycleWatch

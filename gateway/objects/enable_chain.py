@@ -7,41 +7,19 @@ and derive nothing themselves.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, Final
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.bus.health import Outage
-from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
-from pdgw.gateway.axis.adapters.adapter import ControlWordAdapter
-from pdgw.gateway.axis.adapters.speed_words import DEVICE_BITS, SpeedAdapter
-from pdgw.gateway.axis.demand_report import PowerWish, SpeedDemand, SpeedWish
-from pdgw.gateway.axis.power_states import Phase
-from pdgw.gateway.axis.settings import SetpointEnable
-from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.finding_text import clock, finding_text
-from pdgw.gateway.base.reasons import DEVICE_WARNING, REFUSED_ORDERS, AxisState, Enable, FaultNumber, Finding, Reason
-from pdgw.gateway.base.step_text import remedy_text
-from pdgw.gateway.base.steps import (
-    Acknowledge,
-    Bits,
-    Edge,
-    Give,
-    Hindrance,
-    Remedy,
-    Wait,
-    with_on,
-)
-from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.objects.bit_effects import AT_LIMIT, bit_effects
+from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Finding, Reason
+from pdgw.gateway.base.steps import Acknowledge, Give, Hindrance, Remedy
+from pdgw.gateway.objects.bit_effects import bit_effects
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.inquiry import SENDS_NOTHING, UNFOLLOWED
-from pdgw.gateway.objects.lag import lag_of, reductions, setpoints, speed_setpoint_rpm
+from pdgw.gateway.objects.inquiry import SENDS_NOTHING
 from pdgw.gateway.objects.origins import of_fault
 from pdgw.profidrive.encoder import (
     ENCODER_ACKNOWLEDGE,
@@ -50,19 +28,11 @@ from pdgw.profidrive.encoder import (
     SensorError,
     SensorState,
 )
-from pdgw.profidrive.signal_text import value_text
-from pdgw.profidrive.signals import SignalQuantity
-from pdgw.profidrive.words import unswapped
 
 _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"
 )
 _ONE_WAY: Final = "its frames arrive, and it answers no SDO request: the interface may send nothing"
-_CONSUMER: Final = (
-    "the heartbeat consumer of the drive (1016h) stays in error (8130h), although the gateway sends its heartbeat"
-)
-"""A fault of a drive that acknowledging does not end."""
-_ARM: Final = "restart the node (P972, or power off and on), which arms the consumer again"
 _ENCODER_WARNINGS: Final = (
     "it turned faster than its sensor can follow",
     "its light source is nearly worn out: plan its replacement",
@@ -72,42 +42,8 @@ _ENCODER_WARNINGS: Final = (
     "its reference point has not been reached",
 )
 """The bits of 6505h, from 0 on."""
-_SWITCHES: Final = "both limit switches are active: check their supply, plug and cable"
-_BOTH_SWITCHES: Final = 3
-"""60FDh.0 and .1."""
-_ONLY_WITHOUT_POWER: Final = "only safe torque off (STO) or switching its supply off stops it"
-_HOME_LOST: Final = "the home position was lost with the drive"
-_KEEPS: Final = "the last setpoint stays"
-_WITHOUT_MDI: Final = "the task had MDI (SATZANW.15 = 1), which this telegram does not have: it was not started"
 AXIS_CHAIN: Final = tuple(enable for enable in Enable if enable is not Enable.SENSOR)
 ENCODER_CHAIN: Final = (Enable.BUS, Enable.NODE, Enable.NO_FAULT, Enable.PLC, Enable.CONTROL, Enable.SENSOR)
-_ASKS = (PowerWish.ON, PowerWish.ENABLE, PowerWish.RESUME, PowerWish.HOLD)
-_STOPS: Final = {
-    PowerWish.COAST: Reason.COAST_STOP,
-    PowerWish.QUICK_STOP: Reason.QUICK_STOP,
-    PowerWish.QUICK_STOP_DISABLED: Reason.QUICK_STOP,
-    PowerWish.ON: Reason.ENABLE_MISSING,
-}
-"""Stop commands of the PLC. Its OFF1 is first a ramp stop, which the phase shows."""
-_NAMED: Final = {
-    Reason.LOST_EDGE: 1 << 6,
-    Reason.EARLY_EDGE: 1 << 6,
-    Reason.LOST_HOMING: 1 << 11,
-    Reason.LOST_JOG: 3 << 8,
-}
-"""Bits of STW1 that a reason names."""
-_SPEEDS: Final = (SignalQuantity.SPEED, SignalQuantity.MOTION_VELOCITY)
-_FULL: Final = 100.0
-_BLOCKS_ALONE: Final = 7
-"""The telegram of a positioner without MDI."""
-_PHASES: Final = {
-    Phase.RAMP_STOP: Reason.RAMP_STOP,
-    Phase.SHUTDOWN: Reason.RAMP_STOP,
-    Phase.QUICK_STOP: Reason.QUICK_STOP,
-}
-"""Stops that have to end before an ON counts; in the other phases an OFF is missing."""
-
-
 _OWN_FAULTS: Final = {
     Reason.HOMING_METHOD: FaultNumber.HOMING_METHOD,
     Reason.HOMING_REFUSED: FaultNumber.HOMING_PARAMETERS,
@@ -120,7 +56,7 @@ _OWN_FAULTS: Final = {
 """Reasons whose details are in a fault or warning of the gateway."""
 
 
-class _Chain:
+class Chain:
     """The links of one drive object while they are checked."""
 
     def __init__(self, item: DriveObject, enables: tuple[Enable, ...], **shown: int) -> None:
@@ -245,89 +181,7 @@ class _Chain:
         return EnableStatus(broken.state if instead is None or broken.state is AxisState.FAULT else instead, chain)
 
 
-def axis_enable_status(axis: Axis) -> EnableStatus:
-    """Chain of an axis after its last step."""
-    machine, feedback = axis.machine, axis.drive.feedback
-    shown = {"Statusword": feedback.statusword, "60FDh": feedback.digital_inputs}
-    chain = _Chain(axis, AXIS_CHAIN, **shown)
-    demand, reason = machine.demand, machine.outputs.reason
-    if chain.check_node(Reason.DRIVE_OFFLINE):
-        _check_drive(chain, axis, state_of(feedback.statusword))
-    life = machine.life
-    connected = machine.inputs.setpoints is not None
-    in_operation, was_there = axis.powered and axis.released, machine.interlock.plc_was_there
-    if chain.check_plc(connected=connected, in_operation=in_operation, never=Reason.NO_PLC, lost=was_there):
-        name, word = _control_word(axis)
-        meant = unswapped(word) if name == "STW1" else None
-        if life is not None and life.lost:
-            chain.breaks(Reason.PLC_STALLED)
-        if meant is not None:
-            chain.breaks(Reason.BYTES_SWAPPED, evidence=f"STW1 = {word:04X}h: its two bytes are swapped ({meant:04X}h)")
-        elif not demand.in_control:
-            chain.breaks(Reason.CONTROL_HELD if reason is Reason.CONTROL_HELD else Reason.NO_CONTROL)
-        else:
-            chain.passes(Enable.CONTROL)
-            _check_command(chain, axis)
-    chain.keep(reason)
-    unstopped = _unstopped(axis)
-    if unstopped is not None or not machine.units_contradicted:
-        chain.check_severe(_acknowledge(axis), unstopped)
-    if in_operation:
-        return chain.enable_status(AxisState.OBEYS if axis.turns else None)
-    return chain.enable_status(AxisState.STOPPING if axis.turns or axis.good and axis.powered else None)
-
-
-def _check_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
-    """Supply, fault and operation of a drive that is online."""
-    machine, demand, powered = axis.machine, axis.machine.demand, state in POWERED
-    reason, statusword = machine.outputs.reason, axis.drive.feedback.statusword
-    asks = demand.connected and demand.power in _ASKS
-    commanded = asks and machine.interlock.reason in UNFOLLOWED
-    again = asks and not axis.released
-    if state in FAULTY:
-        cause = axis.cause
-        fault = (
-            Finding.of(Reason.DRIVE_FAULT, place="remove the cause") if cause is None else axis.origins.of(cause.record)
-        )
-        if fault.code == HEARTBEAT_ERROR and axis.acknowledged_in_vain:
-            fault = fault._replace(evidence=_CONSUMER, remedy=(_ARM,))
-        chain.breaks(Reason.DRIVE_FAULT, fault, remedy=(*fault.remedy, _acknowledge(axis)))
-    elif state is None:
-        evidence = f"Statusword {statusword:04X}h is not a state of a CiA 402 drive"
-        chain.breaks(Reason.DRIVE_UNKNOWN_STATE, evidence=evidence)
-    elif machine.units_contradicted:
-        chain.breaks(Reason.UNITS_CONTRADICTED)
-    elif not machine.usable:
-        chain.breaks(Reason.REFERENCE_INVALID)
-    else:
-        chain.passes(Enable.NO_FAULT)
-    supplied = powered or statusword & StatusBit.VOLTAGE_ENABLED != 0
-    if supplied:
-        chain.passes(Enable.SUPPLY)
-    elif (asks or not demand.connected) and machine.lacks_supply(state, unproven=commanded):
-        chain.breaks(Reason.NO_SUPPLY, remedy=with_on(Reason.NO_SUPPLY.remedy) if again else Reason.NO_SUPPLY.remedy)
-    if machine.interlock.is_local(statusword):
-        own = axis.released and (machine.outputs.command.target_velocity or machine.executor.limit_side)
-        panel = Reason.LOCAL_TURNS if axis.turns and not own else Reason.LOCAL_MODE
-        chain.breaks(panel, remedy=with_on(panel.remedy) if again else panel.remedy)
-    elif reason is Reason.INHIBITED and (found := axis.inhibited) is not None:
-        chain.breaks(reason, found)
-    elif reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.NOT_LEFT):
-        chain.breaks(reason)
-    elif state is State.OPERATION_ENABLED:
-        chain.passes(Enable.OPERATION)
-    elif commanded and (begin := machine.enters_since):
-        limit = f"if it takes longer than {machine.settings.enter_ns / SECOND:g} s (enter_ms)"
-        place = f"{limit}, check the brake, safe torque off (STO) and the enable input"
-        evidence = "the drive opens its brake, or finds its commutation angle"
-        chain.breaks(Reason.NOT_OPERATING, evidence=evidence, remedy=(Wait(""), place), since_ns=begin)
-    elif commanded and state is not None and demand.power is not PowerWish.ON:
-        local = "" if statusword & StatusBit.REMOTE else ", Statusword.9 = 0 (local mode?)"
-        shown = f"ON is commanded, but the drive reports {state.value}{local}"
-        chain.breaks(Reason.NOT_OPERATING, axis.unheard or Finding.of(Reason.NOT_OPERATING, shown))
-
-
-def _sensor_fault(error: SensorError | None, source: DriveObject, acknowledge: Acknowledge) -> Finding:
+def sensor_fault(error: SensorError | None, source: DriveObject, acknowledge: Acknowledge) -> Finding:
     """A sensor error; None: the fault of an encoder. ``source``: whose position it has."""
     cause, origin = source.cause, source.origins.present
     if cause is not None and cause.record.of_device:
@@ -342,163 +196,7 @@ def _sensor_fault(error: SensorError | None, source: DriveObject, acknowledge: A
     return found._replace(evidence=": ".join(filter(None, (what, found.evidence))), remedy=todo)
 
 
-def _sensor_notes(axis: Axis) -> Iterator[str]:
-    """What G1 and G2 of an axis lack."""
-    sensors = axis.machine.sensor, axis.machine.second_sensor
-    for number, (words, encoder) in enumerate(zip(sensors, axis.encoders, strict=True), 1):
-        if words is None:
-            continue
-        sensor = words.channel.sensor
-        if encoder is not None and not encoder.good:
-            yield f"G{number} has no position: {encoder.label}: {encoder.enable_status.text}"
-        elif sensor.state in (SensorState.ERROR, SensorState.ACKNOWLEDGING):
-            found = _sensor_fault(sensor.error, encoder or axis, Acknowledge(f"G{number}_STW.15"))
-            yield f"G{number}: {finding_text(found, axis.network.loop)}. {remedy_text(found.remedy)}"
-
-
-def _check_command(chain: _Chain, axis: Axis) -> None:
-    """ON and setpoint of a PLC that has control."""
-    phase, demand = axis.machine.interlock.phase, axis.machine.demand
-    asked, reason = demand.power, axis.machine.outputs.reason
-    missing = _STOPS.get(asked)
-    if missing is None and asked not in _ASKS:
-        missing = _PHASES.get(phase, Reason.SWITCHED_OFF)
-    if missing is None and not axis.released:
-        if (origin := axis.origins.present) is None:
-            chain.breaks(Reason.NEEDS_OFF)
-        else:
-            evidence = f"ON ignored: {origin.evidence}"
-            chain.breaks(Reason.NEEDS_OFF, origin, evidence=evidence, remedy=with_on(origin.remedy))
-        return
-    if missing in (Reason.COAST_STOP, Reason.QUICK_STOP) and _control_word(axis)[1] & 1 and not axis.powered:
-        missing = Reason.HELD_OFF
-    if missing is not None:
-        cause = axis.cause if missing is Reason.SWITCHED_OFF else None
-        if cause is None:
-            chain.breaks(missing)
-        else:
-            fault = of_fault(cause.record)
-            evidence, remedy = f"not acknowledged: {fault.evidence}", (*fault.remedy, _acknowledge(axis))
-            chain.breaks(missing, fault, evidence=evidence, remedy=remedy)
-        return
-    chain.passes(Enable.ON_EDGE)
-    if reason is Reason.SETPOINT_DISABLED and isinstance(demand, SpeedDemand) and demand.speed_wish is SpeedWish.FREEZE:
-        chain.breaks(reason, evidence=_frozen_text(axis))
-    elif reason is not None and reason.enable is Enable.SETPOINT:
-        chain.breaks(reason, _order_of(chain, axis, reason))
-    elif reason is None and axis.machine.executor.home_lost and axis.machine.executor.needs_home:
-        more = ", and an absolute task runs without it"
-        chain.breaks(Reason.HOME_LOST, evidence=_HOME_LOST, since_ns=axis.machine.executor.home_lost, more=more)
-    elif (lag := lag_of(axis)) is not None and not any(reductions(axis)):
-        chain.breaks(Reason.LAGS, lag)
-    elif reason is None:
-        chain.passes(Enable.SETPOINT)
-
-
-def _order_of(chain: _Chain, axis: Axis, reason: Reason) -> Finding:
-    """A setpoint or an order: what it lacked, its bound or limit, its time; then bits without effect."""
-    executor, bits, positioner = axis.machine.executor, _NAMED.get(reason, 0), axis.config.positioner
-    keeps = axis.machine.settings.setpoint_enable is SetpointEnable.HOLD
-    found = chain.found(reason, _KEEPS if keeps and reason is Reason.SETPOINT_DISABLED else "")
-    others, more, todo = executor.ignored & ~bits, "", found.remedy
-    if reason is Reason.FUNCTION_RUNS:
-        more = f"; active now: {executor.lack(0).text}"
-        todo = (*todo[:-1], Edge(_bits(others))) if others else todo
-    elif bits and reason is not Reason.EARLY_EDGE:
-        lack = executor.lack(bits)
-        more = f": {lack.text}"
-        edge = Edge(_bits(_control_word(axis)[1] & bits or bits), lack.zeros)
-        todo = (Wait("for the end of the homing"), Bits((lack.holding,), 0), edge) if lack.holding else (edge,)
-    elif reason is Reason.TASK_SPEED_ZERO and axis.telegram.number == _BLOCKS_ALONE:
-        found = found._replace(evidence=_WITHOUT_MDI)
-        todo = (Bits(("SATZANW.15",), 0), *todo[1:])
-    elif reason is Reason.HOMING_METHOD and positioner is None:
-        todo = (Give("HOMING_METHOD", "select a method that the drive supports in SATZANW"), *todo[1:])
-    elif reason is Reason.TASK_BLOCK_UNKNOWN and not axis.config.block:
-        todo = ("configure it in [[axis.block]]", *todo[1:])
-    elif reason is Reason.AT_SOFTWARE_LIMIT and positioner is not None and (limits := positioner.software_limits):
-        more = f": {limits[0]} to {limits[1]} LU"
-    elif reason in AT_LIMIT and axis.drive.feedback.digital_inputs & _BOTH_SWITCHES == _BOTH_SWITCHES:
-        todo = (_SWITCHES,)
-    elif reason in AT_LIMIT and executor.limit_side and reason is not Reason.INTERNAL_LIMIT:
-        stopped, free = ("positive", "negative") if executor.limit_side > 0 else ("negative", "positive")
-        more = f", in {stopped} direction"
-        order = f"the {free} direction is free: send a setpoint or a task in {free} direction"
-        todo = (Give("other direction", order),)
-    if others and reason is Reason.REJECTED:
-        todo = (*todo, Edge(_bits(others)))
-    if others:
-        more = f"{more}; without effect: {_are_one(others)}"
-    if reason in REFUSED_ORDERS and (record := chain.newest(FaultNumber.POSITIONER)):
-        return found._replace(remedy=todo, more=more, since_ns=record.time_ns)
-    return found._replace(remedy=todo, evidence=found.evidence + more)
-
-
-def activity(axis: Axis) -> str:
-    """What an axis does for a long time without a setpoint that shows it: homing; else empty."""
-    executor = axis.machine.executor
-    homes = executor.homes_since
-    return f"homing since {clock(homes, axis.network.loop)}, no home position yet" if homes else ""
-
-
-def _frozen_text(axis: Axis) -> str:
-    """Evidence of a ramp that STW1.5 = 0 has stopped."""
-    held = _speed(axis, "60FFh", axis.machine.outputs.command.target_velocity)
-    setpoint = speed_setpoint_rpm(axis)
-    ignored = "" if setpoint is None else f", setpoint {setpoint:.4g} rpm not followed"
-    return f"ramp frozen (STW1.5 = 0): holds {held}{ignored}"
-
-
-def _speed(axis: Axis, name: str, value: int) -> str:
-    """The value of an object in rpm, or in its own units if they are unknown."""
-    per_rpm = axis.scaling.velocity_per_rpm
-    return f"{float(value / per_rpm):g} rpm" if per_rpm else f"{name} = {value}"
-
-
-def _unstopped(axis: Axis) -> Finding | None:
-    """A drive that turns and that no stop of the gateway stops; None while there is one left."""
-    if not (since_ns := axis.machine.unstopped_since):
-        return None
-    speed = _speed(axis, "606Ch", axis.drive.feedback.velocity_actual)
-    more = f", for {(axis.network.loop.now() - since_ns) // SECOND} s, with {speed}"
-    text = "no stop of the gateway stops the drive: it turns"
-    return Finding(Reason.SEVERE_FAULT, text, (_ONLY_WITHOUT_POWER,), since_ns=since_ns, more=more)
-
-
-def _control_word(axis: Axis) -> tuple[str, int]:
-    """Name and value of the first word of the PLC, STW1 or Controlword; 0 without a PLC."""
-    return axis.telegram.setpoints.names[0], (axis.machine.inputs.setpoints or (0,))[0]
-
-
-def _acknowledge(axis: Axis) -> Acknowledge:
-    """What is missing for the acknowledge of a drive in fault."""
-    machine, (name, word) = axis.machine, _control_word(axis)
-    if machine.acknowledgement.pending:
-        return Acknowledge(f"{name}.7", f"{name}.10", Hindrance.PENDING)
-    no_control = machine.inputs.setpoints is not None and not machine.demand.in_control
-    hindrance = _hindrance(
-        no_control, axis.acknowledged_in_vain, word & ControlBit.FAULT_RESET, machine.adapter.unheard
-    )
-    return Acknowledge(f"{name}.7", f"{name}.10", hindrance)
-
-
-def _acknowledge_encoder(encoder: EncoderObject) -> Acknowledge:
-    """What is missing for the acknowledge of an encoder in fault: first of its sensor error, then of its fault."""
-    machine, sensor = encoder.machine, encoder.machine.channel.sensor
-    adapter, control = machine.adapter, machine.control
-    no_control = adapter.control is not None and not control.has_control
-    if not machine.in_error:
-        level = (adapter.control or 0) & ENCODER_ACKNOWLEDGE
-        bit, hindrance = "STW2_ENC.7", _hindrance(no_control, control.in_vain, level, control.unheard)
-    else:
-        level = (adapter.sensor_word or 0) & SENSOR_ACKNOWLEDGE
-        bit, hindrance = "G1_STW.15", _hindrance(no_control, sensor.in_vain, level, unheard=False)
-        if level and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
-            hindrance = Hindrance.UNFINISHED
-    return Acknowledge(bit, "STW2_ENC.10", hindrance)
-
-
-def _hindrance(no_control: bool, in_vain: bool, level: int, unheard: bool) -> Hindrance:
+def hindrance_of(no_control: bool, in_vain: bool, level: int, unheard: bool) -> Hindrance:
     """Why an acknowledge has had no effect. ``in_vain``: an edge came while the cause was there. ``level``: its bit."""
     if no_control:
         return Hindrance.NO_CONTROL
@@ -523,57 +221,15 @@ def device_warning(item: DriveObject) -> str:
     return f"warning of the device ({item.warning_word}) without an EMCY: see its manual"
 
 
-def notes(axis: Axis) -> list[str]:
-    """What the drive shows or the PLC sends without an effect while no link is broken, and where the drive's positions end."""
-    adapter, word = axis.machine.adapter, _control_word(axis)[1]
-    found: list[str] = []
-    is_speed = isinstance(adapter, SpeedAdapter)
-    if isinstance(adapter, ControlWordAdapter) and (ones := _are_one(word & adapter.IGNORED)):
-        speed = "; a negative setpoint turns backwards" if is_speed else ""
-        found.append(f"without effect in telegram {axis.telegram.number}: {ones}{speed}")
-    limited = axis.good and axis.drive.feedback.statusword & StatusBit.INTERNAL_LIMIT
-    if limited and axis.machine.outputs.reason not in AT_LIMIT:
-        found.append("the drive reports an internal limit (Statusword.11 = 1), which does not limit this motion")
-    if is_speed and (bits := _bits(word & DEVICE_BITS)):
-        found.append(f"sent to the drive as the same bits of the Controlword: {', '.join(bits)}")
-    for item, raw in setpoints(axis):
-        percent = item.percent(raw) if item.quantity in _SPEEDS else None
-        if percent is not None and abs(percent) > _FULL:
-            found.append(
-                f"{item.name} is {value_text(item, raw)}: above 100 % the speed limits of the drive are in force"
-            )
-    loop, executor = axis.network.loop, axis.machine.executor
-    if any(reductions(axis)) and (lag := lag_of(axis)) is not None:
-        found.append(finding_text(lag, loop))
-    if text := activity(axis):
-        found.append(text)
-    if executor.home_lost:
-        found.append(f"{_HOME_LOST} at {clock(executor.home_lost, loop)}")
-    found += _sensor_notes(axis)
-    if executor.range_note:
-        found.append(executor.range_note)
-    return found
-
-
-def _bits(word: int) -> tuple[str, ...]:
-    """The set bits of STW1."""
-    return tuple(f"STW1.{bit}" for bit in range(16) if word >> bit & 1)
-
-
-def _are_one(word: int) -> str:
-    """The same as text."""
-    return ", ".join(f"{bit} = 1" for bit in _bits(word))
-
-
 def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     """Chain of an encoder after its last step."""
-    chain, machine = _Chain(encoder, ENCODER_CHAIN), encoder.machine
+    chain, machine = Chain(encoder, ENCODER_CHAIN), encoder.machine
     reason = machine.outputs.reason
     if chain.check_node(Reason.ENCODER_OFFLINE):
         error = machine.channel.sensor.error if machine.in_error else None
         if machine.in_error or machine.control.fault:
             kind = Reason.SENSOR_ERROR if machine.in_error else Reason.ENCODER_FAULT
-            found = _sensor_fault(error, encoder, _acknowledge_encoder(encoder))
+            found = sensor_fault(error, encoder, _acknowledge_encoder(encoder))
             chain.breaks(kind, found, evidence=found.evidence or kind.value)
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
@@ -592,3 +248,19 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
             chain.breaks(Reason.ENCODER_NO_CONTROL)
     chain.keep(reason)
     return chain.enable_status()
+
+
+def _acknowledge_encoder(encoder: EncoderObject) -> Acknowledge:
+    """What is missing for the acknowledge of an encoder in fault: first of its sensor error, then of its fault."""
+    machine, sensor = encoder.machine, encoder.machine.channel.sensor
+    adapter, control = machine.adapter, machine.control
+    no_control = adapter.control is not None and not control.has_control
+    if not machine.in_error:
+        level = (adapter.control or 0) & ENCODER_ACKNOWLEDGE
+        bit, hindrance = "STW2_ENC.7", hindrance_of(no_control, control.in_vain, level, control.unheard)
+    else:
+        level = (adapter.sensor_word or 0) & SENSOR_ACKNOWLEDGE
+        bit, hindrance = "G1_STW.15", hindrance_of(no_control, sensor.in_vain, level, unheard=False)
+        if level and sensor.state is SensorState.ACKNOWLEDGING and not sensor.in_vain:
+            hindrance = Hindrance.UNFINISHED
+    return Acknowledge(bit, "STW2_ENC.10", hindrance)

@@ -21,8 +21,9 @@ from pdgw.gateway.base.reasons import Finding
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.base.store import units_text
 from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.axis_chain import activity, notes
 from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.objects.enable_chain import activity, device_warning, notes
+from pdgw.gateway.objects.enable_chain import device_warning
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import LINES, around_the_last_stop

@@ -9,7 +9,7 @@ import pytest
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.motion.modulo import difference
-from pdgw.gateway.objects.enable_chain import notes
+from pdgw.gateway.objects.axis_chain import notes
 from pdgw.gateway.service.status import axis_status
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.signals import signal

@@ -17,7 +17,7 @@ from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.base.reasons import EMCY_WARNING, FIRST_WARNING, FaultNumber, Reason, warning_bits
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.objects.enable_chain import axis_enable_status
+from pdgw.gateway.objects.axis_chain import axis_enable_status
 from pdgw.gateway.service.status import axis_status
 from tests.support import buses
 from tests.support.drives.drive_types import engel
