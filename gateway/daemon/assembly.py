@@ -18,7 +18,7 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.parameters.acyclic import record_service
 from pdgw.gateway.service.operating_system import ServiceManager
 from pdgw.gateway.service.running import Service
-from pdgw.gateway.service.status import StatusServer
+from pdgw.gateway.service.status_port import StatusServer
 from pdgw.gateway.trace.recorder import FlightRecorder
 
 if TYPE_CHECKING:

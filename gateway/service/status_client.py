@@ -1,4 +1,4 @@
-"""Client of the status port of a running daemon. Server: ``gateway.service.status``; document: docs/operation.md."""
+"""Client of the status port of a running daemon. Server: ``gateway.service.status_port``; document: docs/operation.md."""
 
 from __future__ import annotations
 

@@ -25,10 +25,10 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.link import UdpLink
 from pdgw.gateway.links.new_frames import Verdict
-from pdgw.gateway.service import status as status_module
 from pdgw.gateway.service import status_client
-from pdgw.gateway.service.status import StatusServer
+from pdgw.gateway.service import status_port as port_module
 from pdgw.gateway.service.status_client import fetch, fetch_faults
+from pdgw.gateway.service.status_port import StatusServer
 from pdgw.peers.world import World
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.gateways import machine
@@ -489,7 +489,7 @@ def test_an_endless_answer_of_the_status_port_is_cut(
 def test_the_status_port_sends_axes_and_counters_to_several_clients(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(status_module, "_PATIENCE_NS", 3600 * SECOND)
+    monkeypatch.setattr(port_module, "_PATIENCE_NS", 3600 * SECOND)
     port = free_tcp_port()
     config = machine.configuration()
     with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon:
@@ -516,13 +516,13 @@ def test_the_status_port_sends_axes_and_counters_to_several_clients(
             assert b"allowed" in endless.recv(1000)
         # Some may ask nothing; the oldest of them ends for one more.
         with ExitStack() as opened:
-            silent = [opened.enter_context(connect()) for _ in range(status_module._CONNECTIONS)]
-            wait_for(lambda: served(daemon) == status_module._CONNECTIONS, "all are being served")
+            silent = [opened.enter_context(connect()) for _ in range(port_module._CONNECTIONS)]
+            wait_for(lambda: served(daemon) == port_module._CONNECTIONS, "all are being served")
             assert fetch(port, PATIENCE_S)["schema"] == 2
             assert silent[0].recv(1) == b""
         wait_for(lambda: served(daemon) == 0, "they have gone")
         # Who asks nothing for long is sent away.
-        monkeypatch.setattr(status_module, "_PATIENCE_NS", 10 * MS)
+        monkeypatch.setattr(port_module, "_PATIENCE_NS", 10 * MS)
         with connect() as one:
             assert one.recv(1) == b""
 

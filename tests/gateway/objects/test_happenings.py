@@ -14,7 +14,8 @@ from pdgw.gateway.base.reasons import AxisState, Enable, Reason
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.happenings import LINES, Happening, around_the_last_stop
 from pdgw.gateway.service import status_client
-from pdgw.gateway.service.status import answered, explanation, snapshot
+from pdgw.gateway.service.status import explanation, snapshot
+from pdgw.gateway.service.status_port import answered
 from pdgw.profidrive.words import unswapped
 from pdgw.tools.commands.gateway import status as command
 from pdgw.tools.output.status_text import Health, cause_sentence, check_line, object_lines, status_lines

@@ -505,7 +505,7 @@ _OTHER_TEXTS = {
     "ports.py": "files of the kernel",
     "run_directory.py": "variables of the environment",
     "store.py": "variables of the environment",
-    "status.py": "requests of a client",
+    "status_port.py": "requests of a client",
 }
 """Files that take texts apart, and which."""
 

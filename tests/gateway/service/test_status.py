@@ -26,7 +26,8 @@ from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.service.cycle_times import Histogram
 from pdgw.gateway.service.operating_system import ServiceManager
-from pdgw.gateway.service.status import StatusServer, answered, axis_status, encoder_status, snapshot
+from pdgw.gateway.service.status import axis_status, encoder_status, snapshot
+from pdgw.gateway.service.status_port import StatusServer, answered
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.output.status_text import status_lines
 from tests.support.gateways.daemon import (

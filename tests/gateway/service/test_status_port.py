@@ -18,10 +18,10 @@ from pdgw.ds301.loop.system_loop import SystemLoop
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.daemon.daemon import Daemon
-from pdgw.gateway.service import status as status_module
+from pdgw.gateway.service import status_port as port_module
 from pdgw.gateway.service.last_words import LastWords, kept_last_words, last_words
-from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.service.status_client import fetch
+from pdgw.gateway.service.status_port import StatusServer
 from pdgw.tools.output.status_text import Health
 from tests.support.cli import pdgw
 from tests.support.gateways.daemon import axis
@@ -72,7 +72,7 @@ def server_of(loop: SystemLoop, failures: int) -> tuple[StatusServer, Listener, 
 def test_a_connection_that_cannot_be_accepted_does_not_keep_the_loop_awake(
     loop: SystemLoop, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(status_module, "_PAUSE_NS", 3600 * SECOND)
+    monkeypatch.setattr(port_module, "_PAUSE_NS", 3600 * SECOND)
     server, listener, client = server_of(loop, 1)
     turns = 0
 
@@ -96,7 +96,7 @@ def test_a_connection_that_cannot_be_accepted_does_not_keep_the_loop_awake(
 def test_who_waited_is_answered_when_there_are_descriptors_again(
     loop: SystemLoop, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(status_module, "_PAUSE_NS", 0)
+    monkeypatch.setattr(port_module, "_PAUSE_NS", 0)
     server, listener, client = server_of(loop, 3)
     with client:
         loop.add_reader(client.fileno(), loop.stop)
