@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import re
+from dataclasses import dataclass
 from typing import Final
 from weakref import ref
 
@@ -26,16 +27,16 @@ _NUMBER: Final = re.compile(r"[0-9A-F]*\d[0-9A-F]*")
 _CAUSES_MAX: Final = 1000
 
 
+@dataclass(slots=True)
 class _Cause:
     """The lines of one cause. ``left``: the time for which it may write, in ``REPORT_NS`` a line."""
 
-    def __init__(self) -> None:
-        self.left = AT_ONCE * REPORT_NS
-        self.time = 0
-        self.omitted = 0
-        """Lines omitted before the last one."""
-        self.last: logging.LogRecord | None = None
-        """The last omitted line; None: none was omitted since the last report."""
+    left: int = AT_ONCE * REPORT_NS
+    time: int = 0
+    omitted: int = 0
+    """Lines omitted before the last one."""
+    last: logging.LogRecord | None = None
+    """The last omitted line; None: none was omitted since the last report."""
 
 
 class LogBudget(logging.Filter):

@@ -142,18 +142,21 @@ class Reason(enum.Enum):
         (STANDSTILL, OFF_ON),
         _E.ON_EDGE,
         _S.STOPPING,
+        "ON came before the end of the OFF1 ramp",
     )
     QUICK_STOP = (
         "quick stop in progress",
         (STANDSTILL, OFF_ON),
         _E.ON_EDGE,
         _S.OFF,
+        "the PLC has sent OFF3 (STW1.2 = 0)",
     )
     COAST_STOP = (
         ("coast stop", "STW1.1 = 0"),
         OFF_ON,
         _E.ON_EDGE,
         _S.OFF,
+        "the PLC has sent OFF2 (STW1.1 = 0)",
     )
     SETPOINT_DISABLED = (
         ("no setpoint", "STW1.4, STW1.5 or STW1.6 is 0"),
@@ -554,6 +557,8 @@ class Reason(enum.Enum):
         ("the drive takes no commands from the bus", "local mode (Statusword.9 = 0)"),
         "switch the drive to remote at its panel or in its tool",
         _E.OPERATION,
+        _S.WAITS,
+        "ON came while the drive was in local mode (Statusword.9 = 0)",
     )
     LOCAL_TURNS = (
         ("the shaft turns by the drive's panel or tool, not by the gateway", "local mode (Statusword.9 = 0)"),

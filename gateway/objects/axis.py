@@ -39,7 +39,7 @@ from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.inquiry import PATIENCE_NS, REMAP, UNFOLLOWED, Answer, LimitInquiry, ask, untaken
-from pdgw.gateway.objects.origins import ORDERS, used_up
+from pdgw.gateway.objects.origins import used_up
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
@@ -234,7 +234,7 @@ class Axis(DriveObject):
         if (fault := GATEWAY_FAULTS.get(interlock.cell.fault or 0)) is None:
             if reason is Reason.INHIBITED and self.inhibited is not None:
                 return self.inhibited
-            return found._replace(evidence=ORDERS[reason], by=By.PLC) if reason in ORDERS else found
+            return found._replace(evidence=reason.past, by=By.PLC) if reason.past else found
         if fault is FaultNumber.PLC_LOST and (finding := self.link_finding()) is not None:
             return finding._replace(by=By.PLC, number=fault, last_ns=self.machine.inputs.now, times=1)
         evidence = fault.title

@@ -32,12 +32,6 @@ class ReportedFault(NamedTuple):
     record: FaultRecord
 
 
-def _warning_mask(record: FaultRecord) -> int:
-    """The bit of a warning in P953."""
-    fault = GATEWAY_FAULTS.get(record.number)
-    return EMCY_WARNING if fault is None else fault.warning_mask
-
-
 def _key(record: FaultRecord) -> tuple[int, int]:
     return record.number, record.code
 
@@ -100,7 +94,9 @@ class FaultLog:
             number = self._entered - back
             if record.is_warning:
                 # A warning has one entry, however often it is reported.
-                active = bool(present & _warning_mask(record)) and record.number not in seen
+                fault = GATEWAY_FAULTS.get(record.number)
+                bit = EMCY_WARNING if fault is None else fault.warning_mask
+                active = bool(present & bit) and record.number not in seen
                 seen.add(record.number)
             else:
                 first = self._active.get(_key(record))

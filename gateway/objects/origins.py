@@ -17,14 +17,6 @@ from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.finding_text import finding_text
 from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Finding, Reason, Weight
 
-ORDERS: Final = {
-    Reason.RAMP_STOP: "ON came before the end of the OFF1 ramp",
-    Reason.QUICK_STOP: "the PLC has sent OFF3 (STW1.2 = 0)",
-    Reason.COAST_STOP: "the PLC has sent OFF2 (STW1.1 = 0)",
-    Reason.LOCAL_MODE: "ON came while the drive was in local mode (Statusword.9 = 0)",
-}
-"""Stops that the PLC orders, and an ON that came too early, by the reason of the interlock."""
-
 _LACKS: Final = {
     State.NOT_READY_TO_SWITCH_ON: "self test or supply",
     State.SWITCH_ON_DISABLED: "safe torque off (STO), enable input or supply",
@@ -144,7 +136,7 @@ class Origins:
     def returned(self, now: int) -> None:
         """The PLC sends setpoints again."""
         present = self.present
-        if present is not None and present.reason.past and present.until_ns is None:
+        if present is not None and present.reason.past not in ("", present.evidence):
             past, remedy = present.reason.past, Reason.NEEDS_OFF.remedy
             self.present = present._replace(evidence=past, remedy=remedy, until_ns=now)
 
