@@ -92,24 +92,17 @@ def _lost_together(stops: Sequence[Stop], nodes: Collection[tuple[str, int]]) ->
 
 
 def _text(stops: Sequence[Stop]) -> str:
-    """The text of all, or that of each group of them, in their order."""
+    """The text of all: their evidence, since when, how often, and what follows; or that of each group, in their order."""
     texts = {finding_text(stop.found, stop.item.network.loop) for stop in stops}
     if len(texts) == 1:
         return texts.pop()
     shared = _grouped(stops, lambda stop: stop.evidence)
     if len(shared) == 1:
-        return _line(stops)
-    lines = [f"{_who(found)}: {_line(found)}" for found in shared.values()]
+        follows = {stop.found.more for stop in stops}
+        return stops[0].evidence + _since(stops) + (follows.pop() if len(follows) == 1 else "") + _recalled(stops)
+    lines = [f"{_who(found)}: {_text(found)}" for found in shared.values()]
     more = len(lines) - _TEXTS
     return "; ".join(lines[:_TEXTS]) + (f"; and {more} more of the kind" if more > 0 else "")
-
-
-def _line(stops: Sequence[Stop]) -> str:
-    """The evidence that all of them have, since when, how often, and what follows."""
-    if len(stops) == 1:
-        return finding_text(stops[0].found, stops[0].item.network.loop)
-    more = {stop.found.more for stop in stops}
-    return stops[0].evidence + _since(stops) + (more.pop() if len(more) == 1 else "") + _recalled(stops)
 
 
 def _since(stops: Sequence[Stop]) -> str:

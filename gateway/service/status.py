@@ -315,18 +315,18 @@ def encoded(daemon: RunningGateway) -> Iterator[bytes]:
 def explanation(daemon: RunningGateway, items: Sequence[DriveObject]) -> list[dict[str, Any]]:
     """Events around the last fault or stop of drive objects, in at most ten lines. One that flaps has a line, not all of them."""
     loop = daemon.loop
-    often = {item.do_id: total for item in items if (total := _flapping(item)) is not None}
-    calm = [item for item in items if item.do_id not in often]
+    often = {item: total for item in items if (total := _flapping(item)) is not None}
+    calm = [item for item in items if item not in often]
     room = max(0, LINES - len(often))
-    found = around_the_last_stop((happening for item in calm for happening in item.happenings), room)
-    if not found:  # none other has stopped
-        found = around_the_last_stop((happening for item in items for happening in item.happenings), room)
+    for chosen in (calm, items):  # all, if none other has stopped
+        found = around_the_last_stop((happening for item in chosen for happening in item.happenings), room)
+        if found:
+            break
     shown = [(line.time_ns, who([item for item in items if item.do_id in line.objects]), line.shown) for line in found]
-    for item in items:
-        if (total := often.get(item.do_id)) is not None:
-            first, last = total.period
-            text = f"{total.evidence}: {total.times} times since {clock(first, loop)}, last {clock(last, loop)}"
-            shown.append((last, item.label, text))
+    for item, total in often.items():
+        first, last = total.period
+        text = f"{total.evidence}: {total.times} times since {clock(first, loop)}, last {clock(last, loop)}"
+        shown.append((last, item.label, text))
     shown.sort(key=lambda line: line[0])
     return [{"time": _shown_time(loop, time_ns), "who": label, "text": text} for time_ns, label, text in shown[-LINES:]]
 
