@@ -91,6 +91,7 @@ _OF_COMMANDS = (
     *(
         "pdgw.gateway.base.udp",
         "pdgw.gateway.motion",
+        "pdgw.gateway.base.fault_numbers",
         "pdgw.gateway.base.reasons",
         "pdgw.peers",
         "pdgw.profinet.device",

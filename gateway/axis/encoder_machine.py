@@ -27,7 +27,8 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import DEVICE_WARNING, INTERNAL_FAULT, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, INTERNAL_FAULT, FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.encoder import (
     EncoderControl,
     PresetRequest,

@@ -61,7 +61,8 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import DEVICE_WARNING, SET_NAMED, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, SET_NAMED, FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram

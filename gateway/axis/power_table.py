@@ -15,7 +15,8 @@ from typing import Final
 from pdgw.gateway.axis.demand_report import OFF1S, OFFS, Flag, PowerWish
 from pdgw.gateway.axis.orders import Order
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
-from pdgw.gateway.base.reasons import INTERNAL_FAULT, FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import INTERNAL_FAULT, FaultNumber
+from pdgw.gateway.base.reasons import Reason
 
 
 @dataclass(frozen=True, slots=True)

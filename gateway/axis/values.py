@@ -10,7 +10,8 @@ from pdgw.ds301.node.node import NodeNotice
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.orders import Brake
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, By, FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.supervision.polled_speed import ANSWERS
 from pdgw.gateway.axis.supervision.stop_supervision import RAMP_MARGIN
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.motion.travel import LIMIT_LEFT_NS, LIMIT_STANDING_NS
 
 _F = FaultNumber

@@ -31,8 +31,9 @@ from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.fault_numbers import By, FaultNumber
 from pdgw.gateway.base.platform import Platform, SystemPlatform
-from pdgw.gateway.base.reasons import By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.store import DeviceParameters, DoParameters, ParameterStore
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.bus_load import HEARTBEATS

@@ -19,8 +19,8 @@ from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import Cause
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.finding_text import clock
-from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.objects.drive_object import DriveObject
 
 LISTEN_NS = 250 * MS

@@ -14,7 +14,7 @@ from typing import Final
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, By, FaultNumber
 
 log = logging.getLogger("gateway")
 

@@ -32,7 +32,8 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
 from pdgw.gateway.axis.values import Configured, FaultRead, FaultRecord, Inputs, Outputs
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, By, FaultNumber
+from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.store import ConfirmedUnits
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject

@@ -14,8 +14,9 @@ from pdgw.gateway.axis.demand_report import PowerWish, SpeedDemand, SpeedWish
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.finding_text import clock, finding_text
-from pdgw.gateway.base.reasons import REFUSED_ORDERS, AxisState, Enable, FaultNumber, Finding, Reason
+from pdgw.gateway.base.reasons import REFUSED_ORDERS, AxisState, Enable, Finding, Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.base.steps import Acknowledge, Bits, Edge, Give, Hindrance, Wait, with_on
 from pdgw.gateway.objects.axis import Axis

@@ -29,7 +29,8 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
     is_answer,
 )
-from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, By, FaultNumber, Finding, Reason
+from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, By, FaultNumber
+from pdgw.gateway.base.reasons import AxisState, Finding, Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.enable_status import EnableStatus

@@ -13,7 +13,8 @@ from pdgw.base.durations import SECOND
 from pdgw.ds301.bus.health import Outage
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.reasons import DEVICE_WARNING, AxisState, Enable, FaultNumber, Finding, Reason
+from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, FaultNumber
+from pdgw.gateway.base.reasons import AxisState, Enable, Finding, Reason
 from pdgw.gateway.base.steps import Acknowledge, Give, Hindrance, Remedy
 from pdgw.gateway.objects.bit_effects import bit_effects
 from pdgw.gateway.objects.drive_object import DriveObject

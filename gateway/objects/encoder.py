@@ -24,7 +24,7 @@ from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import Outputs, SdoWrite
-from pdgw.gateway.base.reasons import By
+from pdgw.gateway.base.fault_numbers import By
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault

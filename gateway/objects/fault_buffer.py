@@ -14,7 +14,7 @@ from typing import NamedTuple
 from pdgw.base.durations import MS
 from pdgw.dsp402.drive_type import DriveFault
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.reasons import EMCY_WARNING, GATEWAY_FAULTS, FaultNumber
+from pdgw.gateway.base.fault_numbers import EMCY_WARNING, GATEWAY_FAULTS, FaultNumber
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
 _NO_FAULT = Fault(0, 0, 0, 0)

@@ -23,7 +23,8 @@ from pdgw.dsp402.objects import (
     POSITIVE_TORQUE_LIMIT,
     PROFILE_ACCELERATION,
 )
-from pdgw.gateway.base.reasons import By, Finding, Reason
+from pdgw.gateway.base.fault_numbers import By
+from pdgw.gateway.base.reasons import Finding, Reason
 
 Address = tuple[int, int]
 UNFOLLOWED: Final = (Reason.INHIBITED, Reason.NOT_OPERATING)

@@ -14,8 +14,9 @@ from pdgw.ds301.loop.loop import Loop
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, By, FaultNumber, Weight
 from pdgw.gateway.base.finding_text import finding_text
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, By, FaultNumber, Finding, Reason, Weight
+from pdgw.gateway.base.reasons import Finding, Reason
 
 _LACKS: Final = {
     State.NOT_READY_TO_SWITCH_ON: "self test or supply",

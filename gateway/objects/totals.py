@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS
 from pdgw.gateway.base.finding_text import DAY_NS
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, Finding
+from pdgw.gateway.base.reasons import Finding
 from pdgw.gateway.objects.origins import of_fault
 
 FLAPS: Final = 5

@@ -29,7 +29,7 @@ from pdgw.dsp406.objects import (
 )
 from pdgw.gateway.base import identity
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import DEVICE_WARNING, EMCY_WARNING, FaultNumber
+from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, EMCY_WARNING, FaultNumber
 from pdgw.gateway.base.store import DeviceParameters, DoParameters
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject

@@ -32,6 +32,7 @@ HOMES: Final = (
     "pdgw.gateway.motion.blocks",
     "pdgw.gateway.motion.dsc_setpoint",
     "pdgw.gateway.motion.requests",
+    "pdgw.gateway.base.fault_numbers",
     "pdgw.gateway.base.reasons",
 )
 """Modules with the classes of recorded values. A description needs the first only."""

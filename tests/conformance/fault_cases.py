@@ -9,7 +9,7 @@ import enum
 from dataclasses import dataclass, field
 from typing import Any
 
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.peers.habits import HABITS, Habit
 
 LOSSES = frozenset({FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED, FaultNumber.STOP_IGNORED})

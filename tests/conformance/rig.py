@@ -10,7 +10,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot

@@ -11,7 +11,7 @@ import pytest
 
 from pdgw.base.durations import SECOND
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.peers.drive import SHAPES, shape
 from tests.conformance.rig import COMPLETE, DriveRig, drive
 from tests.support.drives.latency import draw_latency

@@ -14,7 +14,7 @@ from pdgw.ds301.communication import DEFAULT_GATEWAY_NODE_ID, ERROR_CONTROL, NMT
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS

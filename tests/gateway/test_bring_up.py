@@ -12,7 +12,7 @@ from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.dsp402.objects import CONTROLWORD
 from pdgw.dsp402.states import State
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot

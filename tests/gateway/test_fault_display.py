@@ -13,7 +13,7 @@ from pdgw.base.durations import SECOND
 from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.reasons import EMCY_WARNING
+from pdgw.gateway.base.fault_numbers import EMCY_WARNING
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.service.status import snapshot

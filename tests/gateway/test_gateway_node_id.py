@@ -18,7 +18,7 @@ from pdgw.ds301.communication import (
     NmtState,
 )
 from pdgw.ds301.emcy import HEARTBEAT_ERROR
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.daemon.masters import LISTEN_NS

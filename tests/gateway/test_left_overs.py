@@ -11,7 +11,7 @@ from pdgw.base.durations import SECOND
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.dsp402.states import State, state_of
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.gateway.daemon.daemon import Daemon

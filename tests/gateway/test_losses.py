@@ -6,7 +6,7 @@ import pytest
 
 from pdgw import Gateway, parse_config
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 
 CONFIG = """
 [can]

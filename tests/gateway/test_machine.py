@@ -25,7 +25,7 @@ from pydantic import ValidationError
 from pdgw.base.durations import SECOND
 from pdgw.ds301.loop.system_loop import MACHINE_CLOCK, SystemLoop
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.store import DeviceParameters, ParameterStore
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config

@@ -23,7 +23,7 @@ from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.dsp402.objects import POSITIONING_OPTION
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.daemon.masters import LISTEN_NS

@@ -10,7 +10,8 @@ import pytest
 from pdgw.ds301.objects import Access, CanType, var
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import simulated
 from pdgw.gateway.daemon.daemon import Daemon

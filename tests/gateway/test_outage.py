@@ -11,7 +11,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.peers.world import World
 from tests.conformance.rig import COMPLETE
 from tests.support.gateways.daemon import (

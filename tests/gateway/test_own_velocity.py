@@ -9,7 +9,8 @@ from dataclasses import replace
 import pytest
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
 from pdgw.gateway.motion.requests import FULL
 from pdgw.gateway.motion.states import State

@@ -8,7 +8,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import FaultRecord, gateway_fault
-from pdgw.gateway.base.reasons import By, FaultNumber
+from pdgw.gateway.base.fault_numbers import By, FaultNumber
 from pdgw.gateway.daemon.pause import Pause
 from tests.support.gateways.daemon import ON, drive_of, operating, world_of
 

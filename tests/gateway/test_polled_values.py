@@ -14,7 +14,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.eds.writer import write_eds
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.dsp402.states import State
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.drive import Shape, SimulatedDrive, shape
 from pdgw.peers.plc.engine import Engine

@@ -17,7 +17,8 @@ from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.client.session import Session
 from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.daemon.daemon import Daemon

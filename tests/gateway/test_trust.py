@@ -13,7 +13,7 @@ from pdgw.ds301.aborts import SdoCommunicationError
 from pdgw.ds301.communication import NMT, NmtCommand
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.drive.client import DriveClient
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.daemon.daemon import Daemon
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, operating, world_of
 

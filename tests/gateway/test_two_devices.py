@@ -11,7 +11,7 @@ import pytest
 from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.communication import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, NmtCommand, NmtState
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.peers.node.behaviour import Behaviour
 from pdgw.peers.node.node import SimulatedNode

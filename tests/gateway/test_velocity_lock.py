@@ -13,7 +13,8 @@ from pdgw.ds301.aborts import Abort, SdoAbortedError
 from pdgw.ds301.communication import SDO_REQUEST
 from pdgw.ds301.loop.loop import Event
 from pdgw.dsp402.states import State
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.daemon.daemon import Daemon
 from tests.support.drives.own_law_drive import Law, OwnLawDrive
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, online, running, world_of

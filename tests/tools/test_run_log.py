@@ -23,7 +23,7 @@ import pytest
 from pdgw.base.durations import SECOND
 from pdgw.ds301.communication import EMCY, SDO_RESPONSE
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.tools.recording import recorder
 from pdgw.tools.service.log_format import LogFormat, LogLevel, formatter
 from pdgw.tools.service.run_log import RunLog, on_signals

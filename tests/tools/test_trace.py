@@ -12,7 +12,7 @@ import pytest
 
 from pdgw.base.durations import SECOND
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.defaults import Trigger
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon.daemon import Daemon

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from pdgw.gateway.base.reasons import AxisState, FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import AxisState, Reason
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.tools.web.metrics import exposition

@@ -18,8 +18,8 @@ from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.drive_type import POSITIONS, DriveType, Quantity, Scaling
 from pdgw.dsp402.objects import POSITION_ACTUAL
 from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.platform import Platform
-from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.commissioning.supervisions import Measured
 from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.configuration.config import GatewayConfig

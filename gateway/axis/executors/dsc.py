@@ -15,7 +15,8 @@ from pdgw.gateway.axis.executors.executor import AxisRecords, Executor, LimitWat
 from pdgw.gateway.axis.executors.message_words import TOLERANCE_PERCENT, reduced_torque
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.dsc_setpoint import Dsc, DscChoices, DscForm, DscSettings, wrapped
 from pdgw.gateway.motion.modulo import difference
 from pdgw.gateway.motion.units import round_half_away

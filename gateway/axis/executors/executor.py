@@ -16,7 +16,8 @@ from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Inputs, Outputs, ProbeAnswer
-from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.requests import Lack
 from pdgw.gateway.motion.travel import LIMIT_LEFT_NS, LIMIT_STANDING_NS
 from pdgw.profidrive.normalisation import Normalisation

@@ -12,7 +12,7 @@ from pdgw.gateway.axis.executors.executor import AxisRecords
 from pdgw.gateway.axis.executors.message_words import MessageWord, namur_word, reduced_torque
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.values import Inputs, Outputs
-from pdgw.gateway.base.reasons import first_warning
+from pdgw.gateway.base.fault_numbers import first_warning
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
 

@@ -19,7 +19,7 @@ from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import CANOPEN_ERRORS, FaultRead, FaultRecord, Outputs, gateway_fault
-from pdgw.gateway.base.reasons import EMCY_WARNING, INTERNAL_FAULT, By, FaultNumber
+from pdgw.gateway.base.fault_numbers import EMCY_WARNING, INTERNAL_FAULT, By, FaultNumber
 
 K = TypeVar("K")
 SAME_EVENT_NS: Final = SECOND

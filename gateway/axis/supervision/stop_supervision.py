@@ -17,7 +17,7 @@ from pdgw.gateway.axis.orders import ORDERS, Brake, Leave, Line, Order
 from pdgw.gateway.axis.supervision.growth import STEPS, Growth
 from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, shortest
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 
 RAMP_MARGIN: Final = 2
 """Factor on the stop time of the drive."""

@@ -11,7 +11,7 @@ from pdgw.base.durations import SECOND
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.values import Inputs, Outputs
-from pdgw.gateway.base.reasons import FaultNumber, warning_bits
+from pdgw.gateway.base.fault_numbers import FaultNumber, warning_bits
 
 _AT_LIMIT: Final = 20
 """Divisor of the torque limit: within this part, the torque is at its limit."""

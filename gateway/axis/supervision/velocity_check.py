@@ -13,7 +13,7 @@ from pdgw.dsp402.drive_type import Quantity, Scaling
 from pdgw.gateway.axis.supervision.growth import Growth
 from pdgw.gateway.axis.supervision.position_speed import SAMPLE_NS, Difference, PositionSpeed
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 
 _COMPARE_NS: Final = 20 * MS
 """Speeds are compared so often: the cycle has no time for more. The way they make is added up in every cycle."""

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Final, Protocol
 
 from pdgw.ds301.node.node import NodeStatus
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, FaultNumber
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.device import ProfinetDevice

@@ -13,7 +13,8 @@ import pytest
 
 from pdgw.base.durations import MS
 from pdgw.dsp402.states import State
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.tools.decoder.timeline.builder import HOLD_NS, TimelineBuilder

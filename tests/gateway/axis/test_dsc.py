@@ -14,7 +14,8 @@ from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.peers.drive import DriveModel

@@ -16,7 +16,8 @@ from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.encoder import PARKED_NS, SensorError
 from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.stepper import EncoderStepper

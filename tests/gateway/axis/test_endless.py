@@ -9,7 +9,8 @@ import pytest
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import ENGEL, ROTARY_AXIS

@@ -9,7 +9,8 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.signals import signal
 from tests.gateway.axis.test_modulo import TABLE, drive_type
 from tests.gateway.axis.test_positioner import positioner as simulated

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import ENGEL, ROTARY_AXIS
 from pdgw.profidrive.signals import signal

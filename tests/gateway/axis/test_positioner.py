@@ -16,7 +16,8 @@ from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockNext, BlockTask
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import Machine

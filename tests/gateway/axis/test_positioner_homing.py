@@ -10,7 +10,8 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.values import ProbeAnswer
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from tests.gateway.axis.test_modulo import TABLE, drive_type
 from tests.gateway.axis.test_positioner_handshake import SHOWN, shows, turning
 from tests.gateway.axis.test_tasks import DUE, homed

@@ -9,7 +9,8 @@ import pytest
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.motion.blocks import Block, BlockTask
 from pdgw.profidrive.signals import float_of, float_pattern, signal

@@ -11,7 +11,8 @@ from pdgw.base.durations import SECOND
 from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from tests.gateway.axis.test_halt_continues import Continuing
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand

@@ -28,7 +28,8 @@ from pdgw.gateway.axis.power_table import (
     cell,
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, INTERNAL_FAULT, Reason
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, INTERNAL_FAULT
+from pdgw.gateway.base.reasons import Reason
 
 FOLLOWS = {Phase.FOLLOW, Phase.PASS}
 POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}

@@ -16,7 +16,7 @@ from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice
 from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor, SensorSettings
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.peers.drive.model.ramps import SECOND_ENCODER_STEPS
 from pdgw.peers.encoder.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, constant_speed

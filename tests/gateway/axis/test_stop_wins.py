@@ -7,7 +7,8 @@ import pytest
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.values import Configured
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from tests.gateway.axis.test_positioning import axis, position, reached
 from tests.gateway.axis.test_velocity import CONTROL, OFF, ON, Bench
 from tests.support.axis.rig import Rig

@@ -12,7 +12,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.pdo.planner import plan_pdos
 from pdgw.gateway.axis.executors.message_words import namur_word
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.profidrive.signals import signal
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, engel

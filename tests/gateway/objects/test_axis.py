@@ -14,7 +14,7 @@ from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
 from tests.support import buses

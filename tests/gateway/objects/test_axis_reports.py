@@ -14,7 +14,8 @@ from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.drive.rpdos import SetPoint
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS
-from pdgw.gateway.base.reasons import EMCY_WARNING, FIRST_WARNING, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import EMCY_WARNING, FIRST_WARNING, FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.axis_chain import axis_enable_status

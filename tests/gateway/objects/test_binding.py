@@ -10,7 +10,7 @@ import pytest
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.client import DriveStatus
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.profidrive.datatypes import DataType

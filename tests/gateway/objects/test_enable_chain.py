@@ -9,7 +9,8 @@ import pytest
 
 from pdgw.ds301.node.node import Cause, NodeStatus
 from pdgw.dsp402.states import State
-from pdgw.gateway.base.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import AxisState, Enable, Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN

@@ -16,8 +16,9 @@ from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAMS
 from pdgw.gateway.axis.values import gateway_fault
+from pdgw.gateway.base.fault_numbers import By, FaultNumber, Weight
 from pdgw.gateway.base.finding_text import finding_text
-from pdgw.gateway.base.reasons import AxisState, By, FaultNumber, Finding, Reason, Weight
+from pdgw.gateway.base.reasons import AxisState, Finding, Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.enable_status import EnableStatus

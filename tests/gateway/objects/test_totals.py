@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pdgw.base.durations import SECOND
 from pdgw.gateway.axis.values import FaultRecord, gateway_fault
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.finding_text import DAY_NS
-from pdgw.gateway.base.reasons import FaultNumber
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.totals import FLAPS, Totals
 from pdgw.gateway.service.status import explanation, snapshot

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pdgw.dsp402.drive.client import DriveStatus
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.peers.drive import SimulatedDrive

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS
 from pdgw.gateway.client.session import Session
 from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.daemon.daemon import Daemon

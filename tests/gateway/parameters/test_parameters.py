@@ -11,7 +11,7 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.store import DeviceParameters, ParameterStore
 from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.daemon.assembly import build_gateway

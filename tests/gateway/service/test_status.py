@@ -17,9 +17,10 @@ from pdgw.ds301.counters import Counters
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import FaultRecord, gateway_fault
 from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.base.fault_numbers import FaultNumber, warning_bits
 from pdgw.gateway.base.identity import build_text
 from pdgw.gateway.base.log_budget import LogBudget
-from pdgw.gateway.base.reasons import AxisState, FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.reasons import AxisState, Reason
 from pdgw.gateway.daemon.assembly import build_gateway
 from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.objects.fault_buffer import FaultLog

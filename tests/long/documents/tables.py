@@ -23,7 +23,8 @@ from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.orders import LEAVE_TEXTS, LINE_TEXTS, ORDERS
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, ORDER_ROWS, ROWS
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.requests import Command

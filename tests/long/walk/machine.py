@@ -14,7 +14,7 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.orders import Brake
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured, SdoAnswer
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
 from tests.long.walk.checkpoint import Checkpoint, Checkpoints

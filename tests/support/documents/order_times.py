@@ -20,7 +20,7 @@ from pdgw.gateway.axis.telegrams import (
     POSITIONER_TELEGRAM_NUMBERS,
     SPEED_TELEGRAM_NUMBERS,
 )
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.configuration.toml_file import toml_text

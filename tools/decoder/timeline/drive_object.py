@@ -14,7 +14,8 @@ from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.base.reasons import GATEWAY_FAULTS, AxisState, Reason
+from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS
+from pdgw.gateway.base.reasons import AxisState, Reason
 from pdgw.gateway.trace.json_values import from_json
 from pdgw.gateway.trace.pcapng import TracedObject
 from pdgw.gateway.trace.step_reader import Step

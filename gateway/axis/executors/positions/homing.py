@@ -15,7 +15,8 @@ from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.executor import Executor
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.requests import HomingResult
 from pdgw.gateway.motion.travel import Stall
 

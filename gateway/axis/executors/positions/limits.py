@@ -14,7 +14,8 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import MAX_TORQUE
 from pdgw.gateway.axis.executors.executor import highest
 from pdgw.gateway.axis.values import Outputs, SdoWrite
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
 

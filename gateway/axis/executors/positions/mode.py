@@ -8,7 +8,8 @@ from pdgw.base.durations import SECOND
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.executors.executor import Executor
-from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 
 _NOT_CONFIRMED: Final = warning_bits(FaultNumber.MODE_NOT_CONFIRMED)
 

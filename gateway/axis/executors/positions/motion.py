@@ -22,7 +22,8 @@ from pdgw.gateway.axis.executors.executor import AT_LIMIT, AT_LIMIT_TEXT, OPERAT
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_states import Action
-from pdgw.gateway.base.reasons import FaultNumber, Reason, warning_bits
+from pdgw.gateway.base.fault_numbers import FaultNumber, warning_bits
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import (

@@ -22,7 +22,8 @@ from pdgw.gateway.axis.executors.positions.limits import TorqueLimit, position_m
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.basic_positioner import BasicPositioner
 from pdgw.gateway.motion.blocks import BlockTask
 from pdgw.gateway.motion.modulo import Ring

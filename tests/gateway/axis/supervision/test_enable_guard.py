@@ -10,7 +10,8 @@ from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import Drive, Phase
 from pdgw.gateway.axis.power_table import CELLS, DRIVES, WISHES, cell
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References
 

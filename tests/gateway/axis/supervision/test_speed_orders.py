@@ -15,7 +15,7 @@ from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS
-from pdgw.gateway.base.reasons import FaultNumber, warning_bits
+from pdgw.gateway.base.fault_numbers import FaultNumber, warning_bits
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.stepper import DSC
 from tests.support.drives.drive_types import described

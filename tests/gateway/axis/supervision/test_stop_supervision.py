@@ -13,7 +13,8 @@ from pdgw.gateway.axis.settings import AxisSettings, LastStop, PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.axis.values import Configured, Inputs, Outputs
-from pdgw.gateway.base.reasons import FaultNumber, Reason
+from pdgw.gateway.base.fault_numbers import FaultNumber
+from pdgw.gateway.base.reasons import Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.rig import Rig
 

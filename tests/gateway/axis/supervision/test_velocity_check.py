@@ -16,7 +16,7 @@ from pdgw.gateway.axis.supervision.growth import Growth
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.values import Inputs, Outputs
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 
 CYCLE = 10 * MS
 COUNTS = 4096

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.base.durations import MS, SECOND
-from pdgw.gateway.base.reasons import FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.service.status import explanation, snapshot
 from tests.support.gateways.daemon import axis
 from tests.support.gateways.profinet_daemon import OTHER_IP, Plant, abort, configuration, plant, try_to_connect
