@@ -4,7 +4,7 @@ Source: PROFIdrive profile 4.1 chapter 6.3.4 (standard telegrams), the encoder p
 guide chapter 4.3 (1, 9, 100), public manuals of drives and masters (4-6, 102-112, with their ``Confidence``). Left out: free
 telegram configuration (999), supplementary telegrams (700 ff, safety among them).
 
-Adding a telegram is adding one entry to ``TELEGRAMS``. A user's own is declared in the configuration and known to its process.
+Adding a telegram is adding one entry to ``TELEGRAMS``. A user's own is a value, which is handed to those who look for its number.
 """
 
 from __future__ import annotations
@@ -155,9 +155,16 @@ class Telegram:
     actuals: TelegramHalf
     classes: tuple[ApplicationClass, ...] = ()
     confidence: Confidence = Confidence.CONFIRMED
+    like: int = 0
+    """A user's own: the number of the telegram that it is carried out as."""
 
     def __repr__(self) -> str:
         return f"<Telegram {self.number}: {' '.join(self.setpoints.names)} -> {' '.join(self.actuals.names)}>"
+
+    @property
+    def base(self) -> int:
+        """The number of the telegram in this package that it is carried out as: its own, or ``like``."""
+        return self.like or self.number
 
     @property
     def class_bits(self) -> int:
@@ -311,21 +318,21 @@ _CATALOGUE: dict[int, Telegram] = {
     )
 }
 TELEGRAMS: Final = MappingProxyType(_CATALOGUE)
-"""Every telegram by its number."""
+"""Every telegram of this package by its number, and those of ``register``."""
 OWN_NUMBERS: Final = range(999, 0x8000)
 """Numbers of a user's own telegrams: 999 is the profile's free configuration, and no vendor's telegram is above it."""
 
 
-def telegram(number: int) -> Telegram:
+def telegram(number: int, known: Mapping[int, Telegram] = TELEGRAMS) -> Telegram:
     """The telegram with this number; ProfidriveError lists the known ones.
 
     >>> telegram(1).setpoints.encode((0x047F, 0x2000)).hex(" ")
     '04 7f 20 00'
     """
     try:
-        return TELEGRAMS[number]
+        return known[number]
     except KeyError:
-        raise ProfidriveError("telegram", number, f"one of {sorted(TELEGRAMS)}") from None
+        raise ProfidriveError("telegram", number, f"one of {sorted(known)}") from None
 
 
 def own_telegram(number: int, like: Telegram, setpoints: Sequence[str], actuals: Sequence[str]) -> Telegram:
@@ -351,20 +358,24 @@ def own_telegram(number: int, like: Telegram, setpoints: Sequence[str], actuals:
         return _half(number, direction, like.mode, names, forms)
 
     halves = half(Direction.SETPOINT, setpoints), half(Direction.ACTUAL, actuals)
-    return Telegram(number, like.mode, *halves, like.classes)
+    return Telegram(number, like.mode, *halves, like.classes, like=like.number)
+
+
+def by_number(own: Iterable[Telegram]) -> dict[int, Telegram]:
+    """A user's own telegrams by their numbers; ProfidriveError where one number has two layouts."""
+    found: dict[int, Telegram] = {}
+    for item in own:
+        if found.setdefault(item.number, item) != item:
+            raise ProfidriveError("telegram", f"{item.number} with two layouts", "a number for each layout")
+    return found
 
 
 def register(own: Telegram) -> None:
-    """Make a user's own telegram known to this process; ProfidriveError where its number has another layout already."""
-    if _CATALOGUE.setdefault(own.number, own) != own:
-        raise ProfidriveError("telegram", f"{own.number} with two layouts", "a number for each layout")
+    """Add to ``TELEGRAMS``, for a program; ProfidriveError where its number has another layout already."""
+    by_number((_CATALOGUE.get(own.number, own), own))
+    _CATALOGUE[own.number] = own
 
 
-def forget(number: int) -> None:
-    """Remove a user's own telegram from this process."""
-    del _CATALOGUE[number]
-
-
-def likeliest(numbers: Iterable[int]) -> int:
+def likeliest(numbers: Iterable[int], known: Mapping[int, Telegram] = TELEGRAMS) -> int:
     """Select a telegram if only the length is known: best-known layout first, then lowest number."""
-    return min(numbers, key=lambda number: (TELEGRAMS[number].confidence, number))
+    return min(numbers, key=lambda number: (known[number].confidence, number))

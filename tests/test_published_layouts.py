@@ -58,7 +58,7 @@ def test_the_pdos_are_those_of_the_declarations(row: list[str]) -> None:
     def addresses(pdo: Pdo) -> list[tuple[int, int]]:
         return [FAMILY.entries.get(entry.attribute, entry).address for entry in pdo.entries]
 
-    layout = drive_layout(number_of(row[0]))
+    layout = drive_layout(telegram(number_of(row[0])))
     for pdos, cell in ((layout.rpdos, row[1]), (layout.tpdos, row[2])):
         told = [part for part in re.split(r"; |, (?=\w+ by SDO)", cell) if not part.endswith("by SDO")]
         assert len(told) == len(pdos)

@@ -65,7 +65,7 @@ from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, SET_NAMED, FaultNumb
 from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.telegrams import telegram
+from pdgw.profidrive.telegrams import Telegram
 
 _FOLLOWS: Final = ~(Flag.WITHIN_TOLERANCE | Flag.REACHED)
 """Without what a drive shows that follows its setpoint."""
@@ -113,11 +113,11 @@ class AxisMachine:
     The driver fills ``inputs`` before each ``step``. ``outputs`` has the result until the next step.
     """
 
-    def __init__(self, number: int, settings: AxisSettings, feedback: DriveFeedback) -> None:
-        kind = drive_telegram(number).kind
-        self.telegram = telegram(number)
+    def __init__(self, chosen: Telegram, settings: AxisSettings, feedback: DriveFeedback) -> None:
+        kind = drive_telegram(chosen).kind
+        self.telegram = chosen
         self.settings = settings
-        self.adapter = make_adapter(number, settings)
+        self.adapter = make_adapter(chosen, settings)
         self.inputs = Inputs(feedback)
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
         self.demand: Demand = self.adapter.demand

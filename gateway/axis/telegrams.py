@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final
 
 from pdgw.dsp402.modes import Mode
@@ -24,7 +25,6 @@ from pdgw.profidrive.telegrams import (
     Direction,
     Telegram,
     TelegramHalf,
-    forget,
     own_telegram,
     register,
     telegram,
@@ -58,7 +58,7 @@ _SPEED_AND_TORQUE = DriveTelegram(Kind.TORQUE, Operation.VELOCITY_WITH_TORQUE, M
 _DSC = DriveTelegram(Kind.DSC, Operation.CYCLIC_VELOCITY, Mode.CYCLIC_VELOCITY)
 _DSC_BY_POSITION = DriveTelegram(Kind.DSC, Operation.CYCLIC_POSITION, Mode.CYCLIC_POSITION)
 _POSITIONER = DriveTelegram(Kind.POSITIONER, Operation.POSITIONER)
-DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
+DRIVE_TELEGRAMS: Final[Mapping[int, DriveTelegram]] = {
     1: _SPEED,
     2: _SPEED,
     3: _SPEED_AND_SENSOR,
@@ -79,66 +79,67 @@ DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
 }
 
 
-class Numbers(Collection[int]):
-    """Numbers of drive telegrams with a property, in their order; a user's own ones too, as soon as they are known."""
-
-    def __init__(self, having: Callable[[int], bool]) -> None:
-        self._having = having
-
-    def __contains__(self, number: object) -> bool:
-        return isinstance(number, int) and number in DRIVE_TELEGRAMS and self._having(number)
-
-    def __iter__(self) -> Iterator[int]:
-        return (number for number in sorted(DRIVE_TELEGRAMS) if self._having(number))
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
+def _telegrams(having: Callable[[Telegram], bool]) -> tuple[int, ...]:
+    """The numbers of the drive telegrams with a property."""
+    return tuple(number for number in DRIVE_TELEGRAMS if having(telegram(number)))
 
 
-def _has(signal_name: str) -> Callable[[int], bool]:
-    return lambda number: signal_name in telegram(number).setpoints.names
+def _is(*kinds: Kind) -> Callable[[Telegram], bool]:
+    return lambda chosen: DRIVE_TELEGRAMS[chosen.base].kind in kinds
 
 
-def _is(*kinds: Kind) -> Callable[[int], bool]:
-    return lambda number: DRIVE_TELEGRAMS[number].kind in kinds
-
-
-DRIVE_TELEGRAM_NUMBERS: Final = Numbers(lambda _: True)
+# Of a user's own telegram, ``Telegram.base`` is among these numbers.
+DRIVE_TELEGRAM_NUMBERS: Final = tuple(DRIVE_TELEGRAMS)
 """The telegrams a drive axis can be given (P922)."""
-DSC_TELEGRAM_NUMBERS: Final = Numbers(_is(Kind.DSC))
+DSC_TELEGRAM_NUMBERS: Final = _telegrams(_is(Kind.DSC))
 """Telegrams that need to know where the loop is closed."""
-CENTRAL_TELEGRAM_NUMBERS: Final = Numbers(lambda number: ApplicationClass.CENTRAL in telegram(number).classes)
+CENTRAL_TELEGRAM_NUMBERS: Final = _telegrams(lambda chosen: ApplicationClass.CENTRAL in chosen.classes)
 """Telegrams in which the PLC may close the position loop: with SYNC, their setpoints take effect at the SYNC too."""
-POSITIONER_TELEGRAM_NUMBERS: Final = Numbers(_is(Kind.POSITIONER))
+POSITIONER_TELEGRAM_NUMBERS: Final = _telegrams(_is(Kind.POSITIONER))
 """Those of them that need a positioner in the configuration."""
-FLOAT_TELEGRAM_NUMBERS: Final = Numbers(
-    lambda number: (
-        number in POSITIONER_TELEGRAM_NUMBERS and any(item.is_float for item in telegram(number).setpoints.signals)
-    )
+FLOAT_TELEGRAM_NUMBERS: Final = tuple(
+    number
+    for number in POSITIONER_TELEGRAM_NUMBERS
+    if any(item.is_float for item in telegram(number).setpoints.signals)
 )
 """Those of them with positions in a unit of the user's choice."""
-SPEED_TELEGRAM_NUMBERS: Final = Numbers(_is(Kind.SPEED, Kind.TORQUE, Kind.LOAD))
+SPEED_TELEGRAM_NUMBERS: Final = _telegrams(_is(Kind.SPEED, Kind.TORQUE, Kind.LOAD))
 """Those of them that jog with speeds of their own."""
-FIRST_ENCODER_NUMBERS: Final = Numbers(lambda number: number not in DSC_TELEGRAM_NUMBERS and _has("G1_STW")(number))
-"""Those of them whose G1 may be an encoder of its own: they need the drive's position for nothing else. XERR of DSC
-counts in G1, and its loop is closed with the drive's position."""
-SECOND_SENSOR_NUMBERS: Final = Numbers(_has("G2_STW"))
-"""Those of them with the words of G2."""
-TASK_TELEGRAM_NUMBERS: Final = Numbers(_is(Kind.POSITIONER, Kind.POSITIONING))
+TASK_TELEGRAM_NUMBERS: Final = _telegrams(_is(Kind.POSITIONER, Kind.POSITIONING))
 """Those of them with traversing tasks."""
 ENCODER_TELEGRAM_NUMBERS: Final = tuple(
     sorted(number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.ENCODER)
 )
 """The telegrams an encoder can be given (P922)."""
 
+
+def drive_telegrams(known: Iterable[Telegram] = TELEGRAMS.values()) -> dict[int, Telegram]:
+    """Those of the known telegrams that a drive axis can be given, by their numbers in order."""
+    return {item.number: item for item in sorted(known, key=attrgetter("number")) if item.base in DRIVE_TELEGRAMS}
+
+
+def may_have_own_encoder(chosen: Telegram) -> bool:
+    """Whether G1 may be an encoder of its own: the drive's position is needed for nothing else.
+
+    XERR of DSC counts in G1, and its loop is closed with the drive's position.
+    """
+    return chosen.base not in DSC_TELEGRAM_NUMBERS and "G1_STW" in chosen.setpoints.names
+
+
+def has_second_sensor(chosen: Telegram) -> bool:
+    """Whether it has the words of G2."""
+    return "G2_STW" in chosen.setpoints.names
+
+
+SECOND_SENSOR_NUMBERS: Final = _telegrams(has_second_sensor)
 _LIKE: Final = (*SPEED_TELEGRAM_NUMBERS, *DSC_TELEGRAM_NUMBERS)
 _FILLERS: Final = frozenset({*USER_WORDS, "RESERVED", "RESERVED_2"})
 _PAIRS: Final = (("STW2", "ZSW2"), ("G1_STW", "G1_ZSW"), ("G2_STW", "G2_ZSW"))
 """A control word and the status word that answers it."""
 
 
-def add_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequence[str]) -> Telegram:
-    """Make a user's own telegram known to this process, with the signals of both directions by name.
+def own_drive_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequence[str]) -> Telegram:
+    """A user's own telegram, with the signals of both directions by name.
 
     It is carried out as telegram ``like`` is. It needs the speed of ``like`` and the signals that all telegrams carried out
     so have, and may have those that one of them has, STW2 with ZSW2, and fillers. GatewayError or ProfidriveError says what
@@ -155,16 +156,15 @@ def add_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequ
     for control, status in _PAIRS:
         if (control in own.setpoints.names) != (status in own.actuals.names):
             raise GatewayError(f"telegram {number}: {control} and {status} belong together: set both or none")
-    _adapter(DRIVE_TELEGRAMS[like].kind, own, AxisSettings()).check()
-    register(own)
-    DRIVE_TELEGRAMS[number] = DRIVE_TELEGRAMS[like]
+    make_adapter(own, AxisSettings())
     return own
 
 
-def remove_telegram(number: int) -> None:
-    """Make a user's own telegram unknown to this process."""
-    del DRIVE_TELEGRAMS[number]
-    forget(number)
+def add_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequence[str]) -> Telegram:
+    """As ``own_drive_telegram``, and known to this process from then on. For programs: a configuration has its own ones."""
+    own = own_drive_telegram(number, like, setpoints, actuals)
+    register(own)
+    return own
 
 
 def _check_half(
@@ -188,20 +188,20 @@ def _listed(names: set[str]) -> str:
     return ", ".join(sorted(names))
 
 
-def drive_telegram(number: int, form: DscForm = DscForm.SPEED) -> DriveTelegram:
+def drive_telegram(chosen: Telegram, form: DscForm = DscForm.SPEED) -> DriveTelegram:
     """The row of a drive telegram; ``form`` where DSC is carried out. GatewayError for one that no drive axis supports."""
     try:
-        row = DRIVE_TELEGRAMS[number]
+        row = DRIVE_TELEGRAMS[chosen.base]
         return _DSC_BY_POSITION if row is _DSC and form is DscForm.POSITION else row
     except KeyError:
         raise GatewayError(
-            f"telegram: {number} is not supported for a drive, allowed {list(DRIVE_TELEGRAM_NUMBERS)}"
+            f"telegram: {chosen.number} is not supported for a drive, allowed {list(DRIVE_TELEGRAM_NUMBERS)}"
         ) from None
 
 
-def make_adapter(number: int, settings: AxisSettings) -> Adapter:
+def make_adapter(chosen: Telegram, settings: AxisSettings) -> Adapter:
     """The adapter of a drive telegram; GatewayError for one that no drive axis supports, or with a signal that is not served."""
-    adapter = _adapter(drive_telegram(number).kind, telegram(number), settings)
+    adapter = _adapter(drive_telegram(chosen).kind, chosen, settings)
     adapter.check()
     return adapter
 
@@ -219,20 +219,20 @@ def _adapter(kind: Kind, chosen: Telegram, settings: AxisSettings) -> Adapter:
 
 
 def drive_layout(
-    number: int,
+    chosen: Telegram,
     form: DscForm = DscForm.SPEED,
     second: SecondSensor = SecondSensor.NONE,
     *,
     g1_is_encoder: bool = False,
 ) -> PdoLayout:
     """PDOs of a drive telegram; ``second``: source of its G2, ``g1_is_encoder``: G1 is an external encoder."""
-    row = drive_telegram(number, form)
+    row = drive_telegram(chosen, form)
     layout = LAYOUTS[row.operation]
-    if second is SecondSensor.DRIVE and number in SECOND_SENSOR_NUMBERS:
+    if second is SecondSensor.DRIVE and has_second_sensor(chosen):
         layout = with_second_position(layout)
-    return without_position(layout) if g1_is_encoder and number in FIRST_ENCODER_NUMBERS else layout
+    return without_position(layout) if g1_is_encoder and may_have_own_encoder(chosen) else layout
 
 
-def initial_mode(number: int, form: DscForm = DscForm.SPEED) -> Mode | None:
+def initial_mode(chosen: Telegram, form: DscForm = DscForm.SPEED) -> Mode | None:
     """6060h to set while configuring, None where the telegram's RPDO carries the mode."""
-    return drive_telegram(number, form).initial_mode
+    return drive_telegram(chosen, form).initial_mode

@@ -13,6 +13,7 @@ from pdgw.gateway.commissioning.telegram_check import missing_lines
 from pdgw.gateway.configuration.devices import EncoderModel
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.toml_file import toml_text
+from pdgw.profidrive.telegrams import TELEGRAMS
 
 _NEXT = "# Written by pdgw bus scan. Next: pdgw config check, pdgw axis test 1, pdgw run, each with the name of this file.\n"
 _TRANSPORT = """\
@@ -43,7 +44,7 @@ def draft(bus: CanConfig, found: Collection[FoundNode]) -> str:
         if node.eds is not None:
             keys["eds"] = str(node.eds.absolute())
         if node.drive is not None:
-            table = toml_text({"axis": [keys]}) + _commented(missing_lines(node.drive, telegram))
+            table = toml_text({"axis": [keys]}) + _commented(missing_lines(node.drive, TELEGRAMS[telegram]))
         else:
             table = toml_text({"encoder": [keys | {"model": _model(node)}]})
         parts.append(_commented(comments) + table)
@@ -69,7 +70,7 @@ def _telegram(node: FoundNode) -> int | None:
         return next((number for number, lacking in node.lacks.items() if not lacking), None)
     offered = {1: drive.speed_mode is not None, 9: Mode.POSITION in drive.modes, 100: True}
     for number, has_mode in offered.items():
-        if has_mode and (not node.lacks[number] or missing_lines(drive, number)):
+        if has_mode and (not node.lacks[number] or missing_lines(drive, TELEGRAMS[number])):
             return number
     return None
 

@@ -40,6 +40,7 @@ from pdgw.gateway.commissioning.master_watch import MasterWatch
 from pdgw.gateway.commissioning.telegram_check import lacks, lacks_by_telegram
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.profidrive.telegrams import Telegram
 
 _PAUSE_NS = 2 * MS
 """Between two questions: a transmit queue is short."""
@@ -67,7 +68,7 @@ class Expected:
 
     what: str
     """Such as ``DO 1``."""
-    telegram: int
+    telegram: Telegram
     profile: int = DRIVE_PROFILE
     eds: Path | None = None
     settings: AxisSettings | None = None
@@ -111,7 +112,7 @@ def expected_on(config: GatewayConfig, bus: CanConfig) -> dict[int, Expected]:
             cycle_ms = config.transport.cycle_time_ms
             expected[axis.node_id] = Expected(
                 f"DO {axis.do_id}",
-                axis.telegram,
+                axis.chosen,
                 DRIVE_PROFILE,
                 axis.eds,
                 axis.settings_at(cycle_ms),
@@ -119,7 +120,7 @@ def expected_on(config: GatewayConfig, bus: CanConfig) -> dict[int, Expected]:
             )
     for node_id, channels in config.encoders_of(bus).items():
         first = channels[0]
-        expected[node_id] = Expected(f"DO {first.do_id}", first.telegram, ENCODER_PROFILE, first.eds)
+        expected[node_id] = Expected(f"DO {first.do_id}", first.chosen, ENCODER_PROFILE, first.eds)
     return expected
 
 
@@ -278,11 +279,12 @@ class Scan:
         found.notes.append(f"if the gateway dies, this device is stopped by {self._guarding(node, drive, settings)}")
         if expected is None:
             return
+        number = expected.telegram.number
         if expected.settings is not None:
-            found.lacks = {**found.lacks, expected.telegram: lacks(drive, expected.telegram, expected.settings)}
-        missing = found.lacks.get(expected.telegram, "")
+            found.lacks = {**found.lacks, number: lacks(drive, expected.telegram, expected.settings)}
+        missing = found.lacks.get(number, "")
         found.notes.append(
-            f"{expected.what} of the configuration, telegram {expected.telegram}: " + (missing or "nothing is missing")
+            f"{expected.what} of the configuration, telegram {number}: " + (missing or "nothing is missing")
         )
 
     def _guarding(self, node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import cached_property
 from math import ceil
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -26,12 +27,12 @@ from pdgw.gateway.axis.settings import (
 )
 from pdgw.gateway.axis.telegrams import (
     CENTRAL_TELEGRAM_NUMBERS,
-    DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
     FLOAT_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     TASK_TELEGRAM_NUMBERS,
     drive_layout,
+    drive_telegrams,
     initial_mode,
 )
 from pdgw.gateway.base.errors import GatewayError
@@ -40,9 +41,11 @@ from pdgw.gateway.configuration.environment import (
     DriveObjectSection,
     Integer,
     Simulated,
+    Surroundings,
 )
 from pdgw.gateway.configuration.positioner_config import BlockConfig, PositionerConfig
 from pdgw.gateway.motion.dsc_setpoint import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, DscChoices, DscForm
+from pdgw.profidrive.telegrams import TELEGRAMS, Telegram
 
 _AXIS: Final = AxisSettings()
 _NODE: Final = DriveSettings(node_id=1)
@@ -84,7 +87,7 @@ def _family(family: str, info: ValidationInfo) -> str:
     try:
         if not family.endswith(".toml"):
             return overlay(family).name
-        path = (info.context or Path()) / family
+        path = (info.context or Surroundings()).folder / family
         add_family(path)
         return str(path.resolve())
     except Dsp402Error as error:
@@ -164,17 +167,22 @@ class AxisConfig(DriveObjectSection):
             raise misplaced(str(error), error.field) from error
         return self
 
+    @cached_property
+    def drive_telegrams(self) -> dict[int, Telegram]:
+        """Every telegram of a drive axis by its number, those of the user among them."""
+        return drive_telegrams((TELEGRAMS | self._own_telegrams).values())
+
     @model_validator(mode="after")
     def _telegram_is_supported(self) -> AxisConfig:
-        if self.telegram not in DRIVE_TELEGRAM_NUMBERS:
+        if self.telegram not in self.drive_telegrams:
             raise misplaced(
-                f"telegram = {self.telegram} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}", "telegram"
+                f"telegram = {self.telegram} is not supported, allowed: {list(self.drive_telegrams)}", "telegram"
             )
         return self
 
     @model_validator(mode="after")
     def _dsc_is_complete(self) -> AxisConfig:
-        if self.telegram in DSC_TELEGRAM_NUMBERS and (self.dsc is None or self.following_window is None):
+        if self.chosen.base in DSC_TELEGRAM_NUMBERS and (self.dsc is None or self.following_window is None):
             text = f'telegram = {self.telegram} needs dsc = "position" or "speed", and following_window'
             raise misplaced(text, "telegram")
         return self
@@ -240,7 +248,9 @@ class AxisConfig(DriveObjectSection):
 
     def drive_layout(self, number: int) -> PdoLayout:
         """The PDOs a telegram needs."""
-        return drive_layout(number, self.dsc_form, self._second_sensor, g1_is_encoder=self.g1 is not None)
+        return drive_layout(
+            self.telegram_of(number), self.dsc_form, self._second_sensor, g1_is_encoder=self.g1 is not None
+        )
 
     @property
     def telegrams(self) -> tuple[int, ...]:
@@ -250,7 +260,7 @@ class AxisConfig(DriveObjectSection):
             *(FLOAT_TELEGRAM_NUMBERS if self.positioner is None or not self.positioner.has_unit else ()),
             *(DSC_TELEGRAM_NUMBERS if self.dsc is None or self.following_window is None or self.g1 is not None else ()),
         }
-        return tuple(number for number in DRIVE_TELEGRAM_NUMBERS if number not in missing)
+        return tuple(number for number, item in self.drive_telegrams.items() if item.base not in missing)
 
     @property
     def dsc_form(self) -> DscForm:
@@ -263,7 +273,8 @@ class AxisConfig(DriveObjectSection):
 
     def drive_settings(self, number: int, cycle_time_ms: float) -> DriveSettings:
         """For a telegram, which may differ from the configured one (P922)."""
-        cyclic = number in DSC_TELEGRAM_NUMBERS or (self.sync and number in CENTRAL_TELEGRAM_NUMBERS)
+        chosen = self.telegram_of(number)
+        cyclic = chosen.base in DSC_TELEGRAM_NUMBERS or (self.sync and chosen.base in CENTRAL_TELEGRAM_NUMBERS)
         on_sync = self.sync or cyclic
         return DriveSettings(
             node_id=self.node_id,
@@ -279,7 +290,7 @@ class AxisConfig(DriveObjectSection):
             tasks=number in TASK_TELEGRAM_NUMBERS,
             modulo=self._is_modulo(number),
             allow_unguarded=self.allow_unguarded,
-            initial_mode=initial_mode(number, self.dsc_form),
+            initial_mode=initial_mode(chosen, self.dsc_form),
             units=self.units,
             family=self.family_name,
         )

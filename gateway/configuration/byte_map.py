@@ -17,7 +17,7 @@ from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, HEADER, IOPS_GOOD, STATUS_NORMAL, TICK, CSduLayout
 from pdgw.profidrive.signals import Signal
-from pdgw.profidrive.telegrams import Direction, TelegramHalf, telegram
+from pdgw.profidrive.telegrams import Direction, TelegramHalf
 
 _FULL = {DataType.N2: f"{N2_100_PERCENT:X}h", DataType.N4: f"{N4_100_PERCENT:X}h"}
 _GOOD = f"{IOPS_GOOD:02X}h good"
@@ -79,7 +79,7 @@ def frame_maps(config: GatewayConfig) -> tuple[FrameMap, FrameMap]:
 
 
 def _frame_map(config: GatewayConfig, direction: Direction) -> FrameMap:
-    layout = CSduLayout([telegram(item.telegram) for item in config.objects], direction)
+    layout = CSduLayout([item.chosen for item in config.objects], direction)
     own, other = ("setpoints", "actual values") if direction is Direction.SETPOINT else ("actual values", "setpoints")
     axes = []
     for position, item in enumerate(config.objects):

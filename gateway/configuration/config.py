@@ -8,20 +8,17 @@ what surrounds the drive objects in ``gateway.configuration.environment``, readi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from pdgw.base.validation import misplaced
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, CyclicFrames, check_load
 from pdgw.ds301.node.plan import PdoPlan
-from pdgw.gateway.axis.telegrams import (
-    DSC_TELEGRAM_NUMBERS,
-    FIRST_ENCODER_NUMBERS,
-    SECOND_SENSOR_NUMBERS,
-)
+from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, has_second_sensor, may_have_own_encoder
 from pdgw.gateway.base.errors import at_most
 from pdgw.gateway.base.store import default_store
 from pdgw.gateway.configuration.axis_config import AxisConfig, Place, as_list
@@ -33,19 +30,36 @@ from pdgw.gateway.configuration.environment import (
     Integer,
     ParametersConfig,
     Section,
+    Surroundings,
     TraceConfig,
     TransportConfig,
 )
 from pdgw.gateway.configuration.web import MqttConfig, WebConfig
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CSduLayout
-from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, by_number
 
 FORMAT_VERSION: Final = 1
 _PARAMETER_TIMEOUT_MS: Final = 2000
 
 
 Item = TypeVar("Item", AxisConfig, EncoderConfig)
+
+
+def _by_number(tables: tuple[TelegramConfig, ...]) -> tuple[TelegramConfig, ...]:
+    """Each number has one layout."""
+    for place in range(len(tables)):
+        try:
+            by_number(item.own for item in tables[: place + 1])
+        except ProfidriveError as error:
+            raise misplaced(str(error), place) from error
+    return tables
+
+
+def _among_own(axis: object, info: ValidationInfo) -> AxisConfig:
+    """An axis, which may have one of the telegrams of the file."""
+    own = by_number(item.own for item in info.data.get("telegram", ()))
+    return AxisConfig.model_validate(axis, context=replace(info.context or Surroundings(), telegrams=own))
 
 
 class GatewayConfig(Section):
@@ -55,12 +69,12 @@ class GatewayConfig(Section):
     """Version of the format; a file without it has the first version."""
     name: DisplayName | None = None
     """Name of the gateway; None: "pdgw", with PROFINET the name of station."""
-    telegram: Annotated[tuple[TelegramConfig, ...], BeforeValidator(as_list)] = ()
+    telegram: Annotated[tuple[TelegramConfig, ...], BeforeValidator(as_list), AfterValidator(_by_number)] = ()
     """Telegrams of the user's own. Before the axes, which may have them."""
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
     parameters: ParametersConfig = ParametersConfig()
-    axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list)] = ()
+    axis: Annotated[tuple[Annotated[AxisConfig, BeforeValidator(_among_own)], ...], BeforeValidator(as_list)] = ()
     encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
     """The drive objects of the frame: all axes, then all encoders, each in their order."""
     trace: TraceConfig = TraceConfig()
@@ -88,6 +102,11 @@ class GatewayConfig(Section):
         The slowest device may use its whole ``sdo_timeout_ms``.
         """
         return max([_PARAMETER_TIMEOUT_MS, *(item.sdo_timeout_ms for item in self.objects)])
+
+    @property
+    def telegrams(self) -> dict[int, Telegram]:
+        """Every telegram by its number: those of this package, and the user's own."""
+        return TELEGRAMS | by_number(item.own for item in self.telegram)
 
     @property
     def objects(self) -> tuple[AxisConfig | EncoderConfig, ...]:
@@ -144,7 +163,7 @@ class GatewayConfig(Section):
         self._check_nodes()
         self._check_sensors()
         try:
-            telegrams = [telegram(item.telegram) for item in self.objects]
+            telegrams = [item.chosen for item in self.objects]
             for direction in Direction:
                 CSduLayout(telegrams, direction)
             for number, bus in enumerate(self.can):
@@ -212,15 +231,13 @@ class GatewayConfig(Section):
     def _check_sensors(self) -> None:
         encoders = [item.do_id for item in self.encoder]
         for number, axis in enumerate(self.axis):
-            for key, value, numbers in (
-                ("g1", axis.g1, FIRST_ENCODER_NUMBERS),
-                ("g2", axis.g2, SECOND_SENSOR_NUMBERS),
-            ):
+            for key, value, fits in (("g1", axis.g1, may_have_own_encoder), ("g2", axis.g2, has_second_sensor)):
                 problem = ""
-                if value is not None and axis.telegram not in numbers:
-                    dsc = key == "g1" and axis.telegram in DSC_TELEGRAM_NUMBERS
+                if value is not None and not fits(axis.chosen):
+                    dsc = key == "g1" and axis.chosen.base in DSC_TELEGRAM_NUMBERS
+                    numbers = [number for number, item in axis.drive_telegrams.items() if fits(item)]
                     reason = "closes its position loop in the drive (DSC)" if dsc else f"has no {key.upper()}"
-                    problem = f": telegram {axis.telegram} {reason}, allowed with telegram {list(numbers)}"
+                    problem = f": telegram {axis.telegram} {reason}, allowed with telegram {numbers}"
                 elif isinstance(value, int) and value not in encoders:
                     problem = f" is not the do_id of an [[encoder]], allowed: {encoders}"
                 if problem:

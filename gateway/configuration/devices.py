@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from functools import cached_property
 from math import ceil
 from typing import Annotated
 
@@ -11,14 +12,15 @@ from pydantic import Field, Strict, model_validator
 from pdgw.base.validation import misplaced
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.dsp406.settings import EncoderSettings
-from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, add_telegram
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, own_drive_telegram
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.environment import Boolean, DriveObjectSection, Integer, Section, Simulated
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.telegrams import Telegram
 
 
 class TelegramConfig(Section):
-    """A telegram by its signals. It is known to the process, to axes and commands alike, as soon as it is read."""
+    """A telegram by its signals, for the axes of the same file."""
 
     number: Integer
     """P922, 999 to 32767."""
@@ -28,10 +30,15 @@ class TelegramConfig(Section):
     actuals: tuple[str, ...]
     """Names of the signals in the order of the frame (docs/tables.md)."""
 
+    @cached_property
+    def own(self) -> Telegram:
+        """The telegram that is declared."""
+        return own_drive_telegram(self.number, self.like, self.setpoints, self.actuals)
+
     @model_validator(mode="after")
     def _is_possible(self) -> TelegramConfig:
         try:
-            add_telegram(self.number, self.like, self.setpoints, self.actuals)
+            assert self.own
         except (GatewayError, ProfidriveError) as error:
             raise misplaced(str(error)) from error
         return self

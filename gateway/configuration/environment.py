@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
 from pdgw.base.durations import MS
 from pdgw.base.validation import misplaced
@@ -27,6 +29,7 @@ from pdgw.gateway.configuration.defaults import (
 from pdgw.gateway.configuration.device_values import Value, check_objects, device_values
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
+from pdgw.profidrive.telegrams import TELEGRAMS, Telegram, telegram
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite, check_name
 
@@ -47,6 +50,16 @@ DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
 
 class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a table means depends on it: the context of its validation."""
+
+    folder: Path = Path()
+    """Relative paths of drive families are in it."""
+    telegrams: Mapping[int, Telegram] = field(default_factory=dict)
+    """The user's own ones in the same file, by number."""
 
 
 def in_words(pattern: str, allowed: str) -> AfterValidator:
@@ -85,6 +98,21 @@ class DriveObjectSection(Section):
     """Further values, by the name of their object."""
     heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = _NODE.heartbeat_ms
     sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = _NODE.sdo_timeout_ms
+    _own_telegrams: Mapping[int, Telegram] = PrivateAttr({})
+
+    def model_post_init(self, context: Surroundings | None, /) -> None:
+        """Keep the user's own telegrams, which P922 can select too."""
+        if context is not None:
+            self._own_telegrams = context.telegrams
+
+    def telegram_of(self, number: int) -> Telegram:
+        """The telegram of the user's own with this number, else of this package; ProfidriveError lists the known ones."""
+        return telegram(number, TELEGRAMS | self._own_telegrams)
+
+    @property
+    def chosen(self) -> Telegram:
+        """The telegram of its number."""
+        return self.telegram_of(self.telegram)
 
     @model_validator(mode="before")
     @classmethod

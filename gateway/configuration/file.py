@@ -16,18 +16,17 @@ from pydantic import ValidationError
 from pdgw.base.validation import Problem, problems
 from pdgw.dsp402.identification.overlay import all_families, remove_family
 from pdgw.gateway.axis.telegrams import (
-    DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     SECOND_SENSOR_NUMBERS,
     SPEED_TELEGRAM_NUMBERS,
-    remove_telegram,
 )
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.config import GatewayConfig, Item
 from pdgw.gateway.configuration.defaults import SIMULATED_BLOCKS, SIMULATED_ENCODER_TELEGRAM, SIMULATED_KEYS
 from pdgw.gateway.configuration.devices import EncoderConfig
+from pdgw.gateway.configuration.environment import Surroundings
 from pdgw.gateway.configuration.toml_file import parse_toml, problem_text, read_text, toml_text
 from pdgw.gateway.configuration.web import MqttConfig, WebConfig
 
@@ -196,18 +195,16 @@ def _files_resolved(section: FileSection, path: Path) -> FileSection:
 def parse_config(text: str, name: str = "configuration", folder: Path = Path()) -> GatewayConfig:
     """Validate configuration text; see ``load_config``. Drive families with a relative path are in ``folder``."""
     with _nothing_stays_of_a_rejected_file():
-        return parse_toml(GatewayConfig, text, name, HINTS, folder)
+        return parse_toml(GatewayConfig, text, name, HINTS, Surroundings(folder))
 
 
 @contextmanager
 def _nothing_stays_of_a_rejected_file() -> Iterator[None]:
-    """A rejected configuration leaves no telegram or drive family of its own in the process: the corrected one may differ."""
-    telegrams, families = {*DRIVE_TELEGRAM_NUMBERS}, {*all_families()}
+    """A rejected configuration leaves no drive family of its own in the process: the corrected one may differ."""
+    families = {*all_families()}
     try:
         yield
     except GatewayError:
-        for number in {*DRIVE_TELEGRAM_NUMBERS} - telegrams:
-            remove_telegram(number)
         for family in {*all_families()} - families:
             remove_family(family)
         raise

@@ -62,12 +62,12 @@ def parse_toml(
     text: str,
     name: str,
     hints: Mapping[str, str] = MappingProxyType({}),
-    folder: Path = Path(),
+    context: object = None,
 ) -> Root:
     """Validate TOML text by the model of the whole file; GatewayError has one line for each thing that is wrong.
 
     ``hints``: see ``problems``.
-    ``folder``: the context of the validation.
+    ``context``: of the validation.
     """
     try:
         document = tomllib.loads(text.removeprefix("\ufeff"))
@@ -75,7 +75,7 @@ def parse_toml(
         raise GatewayError(_not_toml(text, name, str(error))) from error
     check_depth(document, name)
     try:
-        return root.model_validate(document, context=folder)
+        return root.model_validate(document, context=context)
     except ValidationError as error:
         lines = [problem_text(problem, text, name) for problem in problems(error, root, hints)]
         raise GatewayError("\n".join(lines)) from error

@@ -53,7 +53,6 @@ from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.service.cycle_times import CycleWatch
 from pdgw.gateway.service.events import EventLog
 from pdgw.gateway.service.running import Recording, Service
-from pdgw.profidrive.telegrams import telegram
 
 if TYPE_CHECKING:
     from pdgw.gateway.links.profinet.ethernet import EthernetPort
@@ -358,7 +357,8 @@ class Daemon:
         self.check_telegram_change(changed, number, asked_by)
         connected = self.link.connected
         before = [item.telegram for item in self.objects]
-        self.link.set_layout([telegram(number) if item is changed else item.telegram for item in self.objects])
+        chosen = changed.config.telegram_of(number)
+        self.link.set_layout([chosen if item is changed else item.telegram for item in self.objects])
         try:
             changed.change_telegram(number)
         except BaseException:

@@ -44,7 +44,7 @@ from pdgw.gateway.objects.origins import used_up
 from pdgw.gateway.objects.sensor_link import ProbeReader, SensorLink
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
-from pdgw.profidrive.telegrams import telegram
+from pdgw.profidrive.telegrams import Telegram
 
 _OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0), CONTROLWORD, MODE}
 _REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
@@ -72,7 +72,7 @@ class Axis(DriveObject):
         sign_of_life_failures: int = MONITORING_OFF,
     ) -> None:
         number = config.telegram if number is None else number
-        super().__init__(config.do_id, network, telegram(number))
+        super().__init__(config.do_id, network, config.telegram_of(number))
         self.config: AxisConfig = config
         self.telegram_numbers = config.telegrams
         self._cycle_time_ms = cycle_time_ms
@@ -87,7 +87,7 @@ class Axis(DriveObject):
         )
         self.sign_of_life_tolerance = sign_of_life_failures
         """P925."""
-        self.machine = self._make_machine(number)
+        self.machine = self._make_machine(self.telegram)
         self._links: list[SensorLink | None] = [None, None]
         """The encoders that are G1 and G2."""
         self.units_witnessed: ConfirmedUnits | None = None
@@ -112,8 +112,8 @@ class Axis(DriveObject):
         config = self.config
         return replace(config.drive_settings(number, self._cycle_time_ms), values=config.device_values("axis"))
 
-    def _make_machine(self, number: int) -> AxisMachine:
-        machine = AxisMachine(number, self._settings, self.drive.feedback)
+    def _make_machine(self, chosen: Telegram) -> AxisMachine:
+        machine = AxisMachine(chosen, self._settings, self.drive.feedback)
         machine.tolerate(self.sign_of_life_tolerance)
         self.drive.needs_last_stop = machine.needs_last_stop
         return machine
@@ -429,11 +429,12 @@ class Axis(DriveObject):
         return entry.type.bits // 8, entry.type.char.islower()
 
     def change_telegram(self, number: int) -> None:
-        machine = self._make_machine(number)
+        chosen = self.config.telegram_of(number)
+        machine = self._make_machine(chosen)
         machine.adopt(self.machine)
         self.machine = machine
         self.drive.reconfigure(self.config.drive_layout(number), self._drive_settings(number))
-        self._telegram_changed(telegram(number))
+        self._telegram_changed(chosen)
         for link in self._links:
             if link is not None:
                 link.connect(machine)

@@ -15,6 +15,7 @@ from typing import Final
 
 from pdgw.gateway.links.frame_places import FramePlaces
 from pdgw.profidrive.frame import CYCLIC_PORT
+from pdgw.profidrive.telegrams import Telegram, own_telegram, telegram
 
 CONFIGURATION: Final = "pdgw configuration\n"
 """Start of the comment with the gateway's configuration."""
@@ -200,6 +201,12 @@ class CyclePacker:
         return self._pack(self._head, number, time_ns, wall, flags, response, steps, self._tail)
 
 
+@lru_cache(maxsize=256)
+def _telegram(number: int, like: int, setpoints: tuple[str, ...], actuals: tuple[str, ...]) -> Telegram:
+    """The telegram with this number, or a user's own one with these signals."""
+    return own_telegram(number, telegram(like), setpoints, actuals) if like else telegram(number)
+
+
 @dataclass(frozen=True)
 class TracedObject:
     """A drive object; ``groups``: the names of the values in the groups of its steps."""
@@ -210,6 +217,15 @@ class TracedObject:
     bus: str
     telegram: int
     groups: dict[str, tuple[str, ...]]
+    like: int = 0
+    """Of a user's own telegram: the number of the one that it is carried out as."""
+    actuals: tuple[str, ...] = ()
+    """Of a user's own telegram: the names of its actual values."""
+
+    @property
+    def chosen(self) -> Telegram:
+        """The telegram; ProfidriveError where this version has no such."""
+        return _telegram(self.telegram, self.like, self.groups["setpoints"], self.actuals)
 
     def place(self, group: str, name: str) -> int | None:
         """Place of a value in its group; None: it is not recorded."""

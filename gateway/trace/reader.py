@@ -15,7 +15,6 @@ from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.json_values import from_json
 from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.step_reader import Routes, Step, StepReader
-from pdgw.profidrive.telegrams import telegram
 
 _KEPT: Final = 4096
 """The newest cycles, which need not be read again."""
@@ -289,9 +288,7 @@ class RingReader:
         offset = self.layout.places.actuals[place]
         if offset is None or not cycle.sent:
             return None
-        values: Sequence[int] = telegram(self.layout.objects[place].telegram).actuals.struct.unpack_from(
-            cycle.sent, offset
-        )
+        values: Sequence[int] = self.layout.objects[place].chosen.actuals.struct.unpack_from(cycle.sent, offset)
         return values
 
 

@@ -11,7 +11,6 @@ from typing import Any, Final, NamedTuple
 
 from pdgw.gateway.trace import pcapng
 from pdgw.gateway.trace.pcapng import GROUPS, Description, TracedObject, time_of
-from pdgw.profidrive.telegrams import telegram
 
 _RECORDED: Final = pcapng.SETPOINTS | pcapng.VALUES | pcapng.NO_SETPOINTS | pcapng.HAS_EVENTS
 _FLAGS, _COMMAND = GROUPS.index("flags"), GROUPS.index("command")
@@ -66,7 +65,7 @@ class StepReader:
         self._has_all = description.version == 1
         """A step has all that changed, and needs no frames."""
         self._structs = [
-            telegram(item.telegram).setpoints.struct,
+            item.chosen.setpoints.struct,
             *(struct.Struct(f">{len(item.groups[group])}q") for group in GROUPS[1:]),
         ]
         self._places = [(group, at) for group in range(1, len(GROUPS)) for at in range(len(item.groups[GROUPS[group]]))]

@@ -139,7 +139,17 @@ class StepRecord:
         groups["setpoints"] = setpoints.names
         groups["sensors"] = tuple(each.prefix + name for each in self._sensors for name in _SENSOR)
         groups["decided"] = (*_DECIDED, "reason", "faults")
-        self.traced = TracedObject(item.do_id, item.kind, item.node_id, item.network.name, item.telegram.number, groups)
+        chosen = item.telegram
+        self.traced = TracedObject(
+            item.do_id,
+            item.kind,
+            item.node_id,
+            item.network.name,
+            chosen.number,
+            groups,
+            chosen.like,
+            chosen.actuals.names if chosen.like else (),
+        )
         self._attributes: list[_Attribute] = [
             *((inputs, name) for name in (*groups["flags"], *groups["numbers"])),
             *((image, name) for name in groups["feedback"]),

@@ -31,7 +31,7 @@ from pdgw.peers.drive.model.shapes import ENDLESS, SYNCHRONOUS, Shape
 from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.behaviour import make, parse
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, encoder_device
-from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from pdgw.profidrive.telegrams import ApplicationMode
 
 
 class _Section(BaseModel):
@@ -248,15 +248,13 @@ def _kind_of(axis: AxisConfig) -> Shape:
     range of positions."""
     if axis.positioner is not None and axis.positioner.modulo_range:
         return ENDLESS
-    synchronous = (
-        axis.dsc is not None or axis.positioner is not None or "G1_STW" in telegram(axis.telegram).setpoints.names
-    )
+    synchronous = axis.dsc is not None or axis.positioner is not None or "G1_STW" in axis.chosen.setpoints.names
     return SYNCHRONOUS if synchronous else ENGEL
 
 
 def _axis_of(axis: AxisConfig) -> Literal["rotary", "linear"]:
     """Endless shaft for speed telegrams and rotary axes; positioning needs limit switches for homing."""
-    mode = telegram(axis.telegram).setpoints.mode
+    mode = axis.chosen.setpoints.mode
     return "linear" if mode is ApplicationMode.POSITIONING and _kind_of(axis) is not ENDLESS else "rotary"
 
 

@@ -24,7 +24,6 @@ from pdgw.peers.plc.exchange import plc
 from pdgw.peers.plc.notation import find
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.peers.world.world import GATEWAY, World
-from pdgw.profidrive.telegrams import telegram
 
 
 class SimulatedDevice(Protocol):
@@ -131,7 +130,7 @@ class Plc(plc.Plc):
     """
 
     def __init__(self, world: World, gateway: Daemon) -> None:
-        telegrams = [telegram(item.telegram) for item in gateway.config.objects]
+        telegrams = [item.chosen for item in gateway.config.objects]
         super().__init__(world.loop, world.network.open("plc", 0, "PLC"), gateway.address, telegrams, gateway.cycle_ns)
         self._objects = gateway.config.objects
         self._buses = [world.bus(str(bus.channel)) for bus in gateway.config.can]

@@ -20,6 +20,7 @@ from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command
 from pdgw.gateway.axis.telegrams import drive_layout
+from pdgw.profidrive.telegrams import telegram
 from tests.can import interfaces
 from tests.can.interfaces import Wire
 from tests.support.axis.mapping import straight_plan
@@ -55,7 +56,7 @@ class Axes:
         self.network.start()
         self.commands = [DriveCommand() for _ in range(AXES)]
         self.clients: list[DriveClient] = []
-        layout = drive_layout(1)
+        layout = drive_layout(telegram(1))
         available = {pdo.communication_index for pdo in layout.rpdos}
         for node_id in range(1, AXES + 1):
             client = DriveClient(self.network, DriveSettings(node_id), layout, lambda _: None)

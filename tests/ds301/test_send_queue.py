@@ -29,6 +29,7 @@ from pdgw.dsp402.states import Command
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.world import Member, World
+from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.mapping import straight_plan
 
 FRAME = frame_bits(8) * SECOND // 1_000_000
@@ -57,7 +58,7 @@ class Axes:
         self.frames: list[tuple[int, int, bytes]] = []
         """Time, COB-ID and data of each frame on the wire."""
         for node_id in range(1, nodes + 1):
-            layout = drive_layout(number)
+            layout = drive_layout(telegram(number))
             # The fifth RPDO has a COB-ID of the pre-defined connection set for node-IDs up to 3Fh only.
             available = {pdo.communication_index for pdo in layout.rpdos if node_id <= 0x3F or pdo.number <= 4}
             plan = self.plans[node_id] = straight_plan(layout, node_id, available)

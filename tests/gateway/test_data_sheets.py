@@ -18,6 +18,7 @@ from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram
 from tests.conformance.rig import COMPLETE
 from tests.support.drives.data_sheets import SHEETS, Sheet
 from tests.support.gateways.daemon import POSITIONER, Plc, axis, configuration, running, until, world_of
@@ -88,7 +89,7 @@ def test_start_of_a_drive_reads_each_part_of_its_identity_once() -> None:
 @pytest.mark.parametrize("name", SHEETS)
 def test_a_data_sheet_is_accepted_or_refused_with_the_reason(name: str, number: int) -> None:
     sheet = SHEETS[name]
-    refusal = lacks(described(sheet), number)
+    refusal = lacks(described(sheet), telegram(number))
     if number in sheet.refused:
         assert sheet.refused[number] in refusal
     else:
@@ -102,7 +103,7 @@ def test_enough_data_sheets_are_accepted() -> None:
 
 @pytest.mark.parametrize("name", SHEETS)
 def test_each_missing_optional_object_has_its_line(name: str) -> None:
-    lines = not_available(described(SHEETS[name]), 111)
+    lines = not_available(described(SHEETS[name]), telegram(111))
     assert {re.findall(r"[0-9A-F]{4}h(?= not available: )", line)[0] for line in lines} == {*WITHOUT[name].split()}
 
 

@@ -25,6 +25,7 @@ from pdgw.gateway.daemon.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.parameters.codec import ParameterAddress
+from pdgw.profidrive.telegrams import telegram
 from tests.support.documents.profile_numbers import decode_sensor_format
 from tests.support.drives.drive_types import described
 from tests.support.gateways.daemon import (
@@ -86,7 +87,7 @@ def test_a_shape_without_profile_position_is_refused_with_its_modes(name: str, n
 
 @pytest.mark.parametrize("number", TASK_TELEGRAM_NUMBERS)
 def test_the_scan_refuses_a_drive_without_profile_position_with_the_same_reason(number: int) -> None:
-    assert PROFILE_POSITION in lacks(described("csp"), number)
+    assert PROFILE_POSITION in lacks(described("csp"), telegram(number))
 
 
 TEN_TURNS = 40_960
@@ -327,7 +328,7 @@ def test_a_drive_that_stays_in_quick_stop_is_led_out_of_it_and_can_be_started_ag
 
 @pytest.mark.parametrize(("asked", "there"), [(35, 37), (37, 35), (35, 35)])
 def test_homing_at_the_current_position_is_35_and_37_whichever_the_drive_has(asked: int, there: int) -> None:
-    executor = AxisMachine(9, AxisSettings(), DriveFeedback()).executor
+    executor = AxisMachine(telegram(9), AxisSettings(), DriveFeedback()).executor
     homing = Homing(executor, ModeSwitch(executor, 1))
     homing.methods = frozenset({1, there})
     assert homing.require_method(asked)

@@ -268,7 +268,7 @@ class AxisTest:
         self._report(f"{place}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
         for line in drive.scaling.lines:
             self._report(f"  {line}")
-        refusal = lacks(drive, TELEGRAM)
+        refusal = lacks(drive, telegram(TELEGRAM))
         if refusal:
             raise AxisTestError(refusal)
         self._still = max(Fraction(2), drive.scaling.reference(Quantity.SPEED) * _STILL)

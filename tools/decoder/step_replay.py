@@ -22,7 +22,6 @@ from pdgw.gateway.trace.pcapng import Description
 from pdgw.gateway.trace.reader import Cycle, Frame
 from pdgw.gateway.trace.step_reader import Step
 from pdgw.gateway.trace.steps import EVENTS, NO_SPEED
-from pdgw.profidrive.telegrams import telegram
 
 _COUNT: Final = "faults"
 """Number of faults since the start, which the machine does not have."""
@@ -77,7 +76,7 @@ class _Object:
         self._place = place
         self._reason = description.reason
         self._actuals_at = description.places.actuals[place]
-        self._telegram = telegram(traced.telegram)
+        self._telegram = traced.chosen
         self.result = Replayed(f"{traced.kind} {traced.do_id}", traced.telegram)
         self._machine: Any = None
         self._feedback = DriveFeedback()
@@ -146,7 +145,7 @@ class _Object:
         if traced.kind == "encoder":
             machine = EncoderMachine(traced.telegram, settings, self._sensors[0])
         else:
-            machine = AxisMachine(traced.telegram, settings, self._feedback)
+            machine = AxisMachine(traced.chosen, settings, self._feedback)
             for place in sorted({int(name.partition(".")[0]) for name in names}):
                 machine.inputs.encoders[place] = self._sensors[place]
                 machine.set_references(place, None)

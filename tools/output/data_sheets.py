@@ -6,6 +6,7 @@ repairs, and lines that prevent the import.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,21 +18,23 @@ from rich.table import Table
 from pdgw.base.phrases import counted
 from pdgw.ds301.eds.importer import EdsImport, import_eds
 from pdgw.ds301.eds.text import EdsError
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, drive_telegrams
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.profinet.station import PRODUCT, RELEASED, VENDOR_NAME, min_device_interval, profinet_identity
-from pdgw.profidrive.telegrams import telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, Telegram
 from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind
 
-TELEGRAMS = {ObjectKind.AXIS: DRIVE_TELEGRAM_NUMBERS, ObjectKind.ENCODER: ENCODER_TELEGRAM_NUMBERS}
 _NO_MAC = bytes(6)
 
 
-def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:
+def write_gsdml(
+    transport: TransportConfig, folder: Path, option: str, known: Mapping[int, Telegram] = TELEGRAMS
+) -> Path:
     """Write the file to a folder. GatewayError names the ``option`` of the folder when writing fails."""
-    kinds = {kind: [telegram(number) for number in numbers] for kind, numbers in TELEGRAMS.items()}
+    axes = [*drive_telegrams(known.values()).values()]
+    kinds = {ObjectKind.AXIS: axes, ObjectKind.ENCODER: [known[number] for number in ENCODER_TELEGRAM_NUMBERS]}
     snmp = Snmp.NONE if transport.snmp_community is None else Snmp.READ
     if transport.snmp_write_community is not None:
         snmp = Snmp.WRITE

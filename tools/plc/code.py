@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from operator import attrgetter
 from typing import NamedTuple
 
 from pdgw.gateway.base.reasons import Reason
@@ -16,7 +17,7 @@ from pdgw.gateway.configuration.byte_map import FrameMap, frame_maps
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.devices import EncoderConfig
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT
-from pdgw.profidrive.telegrams import ApplicationMode, Telegram, telegram
+from pdgw.profidrive.telegrams import ApplicationMode, Telegram
 from pdgw.tools.plc.frame_fields import block, comment, profinet_block, profinet_variables, type_code
 from pdgw.tools.plc.library import axis_block, plain, telegram_block, template
 from pdgw.tools.plc.plcopen import scl
@@ -52,33 +53,34 @@ def _code(config: GatewayConfig, maps: tuple[FrameMap, FrameMap]) -> Iterator[st
     )
     yield from type_code(maps)
     yield from _reasons()
-    numbers = sorted({item.telegram for item in config.objects})
-    if any(signal.is_float for number in numbers for signal in telegram(number).setpoints.signals):
+    telegrams = sorted({item.chosen for item in config.objects}, key=attrgetter("number"))
+    if any(signal.is_float for chosen in telegrams for signal in chosen.setpoints.signals):
         yield from (template("float"), "")
-    for number in numbers:
-        yield from (telegram_block(telegram(number), initial_values(config, number)), "")
+    for chosen in telegrams:
+        yield from (telegram_block(chosen, initial_values(config, chosen)), "")
     yield from (template("parameter"), "")
     yield from (text for item in motion_blocks() for text in (item, ""))
-    for number in numbers:
-        if has_axis(telegram(number)):
-            yield from (axis_block(telegram(number), initial_values(config, number)), "")
+    for chosen in telegrams:
+        if has_axis(chosen):
+            yield from (axis_block(chosen, initial_values(config, chosen)), "")
 
 
-def initial_values(config: GatewayConfig, number: int) -> dict[str, str]:
+def initial_values(config: GatewayConfig, chosen: Telegram) -> dict[str, str]:
     """Initial values from the scaling of a telegram in the configuration, which is the same for all its axes."""
     speeds = {
         item.reference_speed if isinstance(item, EncoderConfig) else item.units.rated_speed_rpm
         for item in config.objects
-        if item.telegram == number
+        if item.telegram == chosen.number
     }
     values = {}
     (speed,) = speeds if len(speeds) == 1 else (None,)
     if speed is not None:
         values["reference_speed"] = f"{float(speed):.3f}"
-    lengths = {item.positioner.lu_per_revolution for item in config.axis if item.telegram == number and item.positioner}
+    positioners = [item.positioner for item in config.axis if item.telegram == chosen.number and item.positioner]
+    lengths = {item.lu_per_revolution for item in positioners}
     if speed is not None and len(lengths) == 1:
         values["full_velocity"] = f"{float(speed * lengths.pop() / LU_PER_VELOCITY_UNIT):.3f}"
-    if any(signal.is_float for signal in telegram(number).setpoints.signals):
+    if any(signal.is_float for signal in chosen.setpoints.signals):
         # The telegram defines its own unit of length.
         values |= {"position_factor": "1.0", "velocity_factor": "1.0"}
     return values

@@ -28,6 +28,7 @@ from starlette.types import ASGIApp
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.web.metrics import CONTENT_TYPE, exposition
 from pdgw.tools.web.parameters import states_document, telegram_document
 from pdgw.tools.web.server.guard import Guard, LargeAnswers, Token, allowed_hosts, refusal
@@ -138,7 +139,8 @@ class Interface:
 
     async def _telegram(self, request: Request) -> Response:
         try:
-            return JSONResponse(telegram_document(_integer("number", request.path_params["number"])))
+            number = _integer("number", request.path_params["number"])
+            return JSONResponse(telegram_document(telegram(number, self._watch.config.telegrams)))
         except ProfidriveError as error:
             raise RequestError("number", str(error), 404) from error
 

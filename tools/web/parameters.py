@@ -18,7 +18,7 @@ from pdgw.gateway.client.dump import read_all
 from pdgw.gateway.client.session import Element, Session, address_text, meaning
 from pdgw.gateway.client.udp import ParameterClient
 from pdgw.profidrive.signals import Signal
-from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf
 from pdgw.tools.web.support import RequestError
 
 SYMBOLS = {
@@ -49,18 +49,14 @@ def _half(half: TelegramHalf) -> list[dict[str, Any]]:
     return [_signal(signal, positioning=half.mode is ApplicationMode.POSITIONING) for signal in half.signals]
 
 
-def _document(chosen: Telegram) -> dict[str, Any]:
+@lru_cache(maxsize=len(TELEGRAMS))
+def telegram_document(chosen: Telegram) -> dict[str, Any]:
+    """The words of a telegram with their bits and units."""
     return {
         "number": chosen.number,
         "setpoints": _half(chosen.setpoints),
         "actuals": _half(chosen.actuals),
     }
-
-
-@lru_cache(maxsize=len(TELEGRAMS))
-def telegram_document(number: int) -> dict[str, Any]:
-    """The words of a telegram with their bits and units; ProfidriveError for one that does not exist."""
-    return _document(telegram(number))
 
 
 def states_document() -> dict[str, dict[str, str]]:

@@ -22,7 +22,7 @@ from pdgw.gateway.trace.pcapng import TracedObject
 from pdgw.gateway.trace.reader import Cycle, RingReader
 from pdgw.profidrive.signal_text import Rated, scale
 from pdgw.profidrive.signals import Signal, SignalQuantity
-from pdgw.profidrive.telegrams import ApplicationMode, Telegram, telegram
+from pdgw.profidrive.telegrams import ApplicationMode, Telegram
 from pdgw.tools.web.status.feed import Document
 from pdgw.tools.web.support import RequestError
 
@@ -54,7 +54,7 @@ class Curve:
 def curves(reader: RingReader, number: int, item: Document) -> dict[str, Curve]:
     """Every curve of drive object ``number`` of the ring by its name; ``item``: the object in the status, for its scaling."""
     traced = reader.layout.objects[number]
-    chosen = telegram(traced.telegram)
+    chosen = traced.chosen
     found = [*_signals(reader, number, chosen, item), *_device(reader, number, traced, item)]
     return {curve.name: curve for curve in found}
 
@@ -195,7 +195,7 @@ class Traces:
         unknown = [name for name in names if name not in found]
         if unknown:
             raise RequestError("signals", f"signals {', '.join(unknown)}: unknown, allowed: {', '.join(found)}")
-        return [found[name] for name in names or usual(found, telegram(reader.layout.objects[number].telegram))]
+        return [found[name] for name in names or usual(found, reader.layout.objects[number].chosen)]
 
     def history(self, do_id: int, seconds: float, names: Sequence[str], bins: int | None) -> Document:
         """The last ``seconds`` as far as the ring has them, on any thread."""

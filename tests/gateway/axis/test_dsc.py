@@ -19,6 +19,7 @@ from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.base.step_text import remedy_text
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.peers.drive import DriveModel
+from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, described, engel
 
@@ -383,7 +384,7 @@ def test_speed_is_limited_to_the_range_of_its_object(form: DscForm, sign: int) -
 
 def test_dsc_without_its_key_is_rejected() -> None:
     with pytest.raises(GatewayError, match='needs dsc = "position" or "speed"'):
-        AxisMachine(105, AxisSettings(), Rig(1).feedback)
+        AxisMachine(telegram(105), AxisSettings(), Rig(1).feedback)
 
 
 def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:

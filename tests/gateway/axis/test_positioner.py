@@ -21,6 +21,7 @@ from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockNext, BlockTask
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import Machine
+from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, engel
@@ -377,7 +378,7 @@ def test_telegram_7_has_no_mdi() -> None:
 
 def test_positioner_without_its_keys_is_rejected() -> None:
     with pytest.raises(GatewayError, match=r"\[axis.positioner\] is missing: a telegram of the positioner needs it"):
-        AxisMachine(111, AxisSettings(), Rig(1).feedback)
+        AxisMachine(telegram(111), AxisSettings(), Rig(1).feedback)
 
 
 def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:

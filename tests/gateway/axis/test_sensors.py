@@ -22,6 +22,7 @@ from pdgw.peers.encoder.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, constant_speed
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.rig import Rig
 from tests.support.axis.stepper import DSC, EncoderStepper
 
@@ -267,7 +268,7 @@ def test_a_sign_of_life_that_is_lost_is_the_error_of_both_sensors() -> None:
 @pytest.mark.parametrize("place", [0, 1])
 def test_encoder_with_an_impossible_range_is_reported_without_a_position(place: int) -> None:
     settings = AxisSettings(g1_is_encoder=True, second_sensor=SecondSensor.ENCODER)
-    machine = AxisMachine(4, settings, DriveFeedback())
+    machine = AxisMachine(telegram(4), settings, DriveFeedback())
     machine.set_references(place, EncoderReferences((1 << 64) + 1, Fraction(1)))
     (fault,) = machine.step().happened().faults
     assert fault.number == FaultNumber.REFERENCE

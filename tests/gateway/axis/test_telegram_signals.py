@@ -12,14 +12,20 @@ from types import MappingProxyType
 import pytest
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.gateway.axis import telegrams
 from pdgw.gateway.axis.adapters.encoder_words import EncoderAdapter
 from pdgw.gateway.axis.adapters.speed_words import SpeedAdapter
 from pdgw.gateway.axis.settings import AxisSettings, needed_quantities
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS, add_telegram, make_adapter
+from pdgw.gateway.axis.telegrams import (
+    DRIVE_TELEGRAM_NUMBERS,
+    ENCODER_TELEGRAM_NUMBERS,
+    add_telegram,
+    make_adapter,
+    own_drive_telegram,
+)
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.commissioning.telegram_check import lacks, not_available
 from pdgw.gateway.configuration.byte_map import frame_maps
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.file import config_text, parse_config
 from pdgw.gateway.configuration.positioner_config import PositionerConfig
@@ -27,7 +33,7 @@ from pdgw.peers.world import Plc
 from pdgw.profidrive import telegrams as catalogue
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import Telegram, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, Telegram, telegram
 from pdgw.tools.output.data_sheets import write_gsdml
 from tests.support.axis.positioner import CHOICES
 from tests.support.drives.drive_types import engel
@@ -46,7 +52,7 @@ def with_actual(number: int, name: str) -> Telegram:
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
 def test_adapter_serves_every_signal_of_its_telegram(number: int) -> None:
-    make_adapter(number, _SETTINGS)
+    make_adapter(telegram(number), _SETTINGS)
 
 
 def test_speed_adapter_refuses_a_telegram_with_a_position() -> None:
@@ -86,28 +92,32 @@ def _drive(modes: tuple[int, ...], missing: str = "") -> DriveType:
 
 
 def test_111_is_refused_without_profile_velocity_mode() -> None:
-    assert lacks(_drive((1, 3, 6)), 111) == ""
-    assert "3 for setting up and jog" in lacks(_drive((1, 6, 9)), 111)
+    assert lacks(_drive((1, 3, 6)), telegram(111)) == ""
+    assert "3 for setting up and jog" in lacks(_drive((1, 6, 9)), telegram(111))
 
 
 def test_a_fixed_stop_is_refused_without_the_actual_current() -> None:
     choices = PositionerConfig.model_validate(SIMULATED_KEYS | {"clamping_torque": 100}).choices(())
     settings = AxisSettings(positioner=choices)
-    assert lacks(_drive((1, 3)), 111, settings) == ""
-    assert "current_actual: 'not an object of this drive'" in lacks(_drive((1, 3), "current_actual"), 111, settings)
-    assert lacks(_drive((1, 3), "current_actual"), 111) == "", "without a fixed stop nothing needs it"
+    assert lacks(_drive((1, 3)), telegram(111), settings) == ""
+    assert "current_actual: 'not an object of this drive'" in lacks(
+        _drive((1, 3), "current_actual"), telegram(111), settings
+    )
+    assert lacks(_drive((1, 3), "current_actual"), telegram(111)) == "", "without a fixed stop nothing needs it"
 
 
 @pytest.mark.parametrize("missing", ["profile_acceleration", "target_position", "velocity_actual"])
 def test_objects_needed_for_motion_are_never_optional(missing: str) -> None:
-    assert "not an object of this drive" in lacks(_drive((1, 3), missing), 9)
+    assert "not an object of this drive" in lacks(_drive((1, 3), missing), telegram(9))
 
 
 @pytest.mark.parametrize("number", [7, 9, 110, 111, 112])
 def test_a_drive_without_profile_velocity_is_not_refused(number: int) -> None:
     drive = _drive((1, 3), "profile_velocity")
-    assert lacks(drive, number) == ""
-    assert any("6081h not available: traversing tasks run at" in line for line in not_available(drive, number))
+    assert lacks(drive, telegram(number)) == ""
+    assert any(
+        "6081h not available: traversing tasks run at" in line for line in not_available(drive, telegram(number))
+    )
 
 
 # -- telegrams of the configuration -------------------------------------------------------------------------------
@@ -125,12 +135,18 @@ WORDS = {"STW1": [0x047F, 0x047F, 0x047E, 0x047B, 0x047D, 0x043F, 0x04FF], "MOMR
 
 
 @pytest.fixture(autouse=True)
-def only_here() -> Iterator[None]:
-    """Remove the telegrams that a test adds."""
+def nothing_in_the_process() -> Iterator[None]:
+    """No test leaves a telegram in the tables of the process."""
+    before = dict(TELEGRAMS)
     yield
-    for known in (catalogue._CATALOGUE, telegrams.DRIVE_TELEGRAMS):
-        for number in [number for number in known if number in catalogue.OWN_NUMBERS]:
-            known.pop(number)  # type: ignore[attr-defined]
+    assert before == TELEGRAMS
+
+
+@pytest.fixture
+def removed_again() -> Iterator[None]:
+    """Remove telegram 1001, which a test adds to the process."""
+    yield
+    del catalogue._CATALOGUE[1001]
 
 
 def file(number: int, more: str = "") -> str:
@@ -171,23 +187,20 @@ def test_map_and_device_description_contain_the_own_telegram(tmp_path: Path) -> 
         "STW2",
     ]
     assert not any("{" in place.description for place in setpoints.places)
-    assert "0x000103E9" in write_gsdml(config.transport, tmp_path, "--gsdml").read_text()
+    assert "0x000103E9" in write_gsdml(config.transport, tmp_path, "--gsdml", config.telegrams).read_text()
     assert parse_config(config_text(config)) == config
 
 
 def test_own_telegram_has_six_words_of_the_user_each_way() -> None:
     words = ["USER"] * 4
-    own = telegrams.add_telegram(
-        1001, 1, ["STW1", *words, "NSOLL_A", "USER", "USER"], ["ZSW1", "NIST_A", *words, "USER"]
-    )
+    own = own_drive_telegram(1001, 1, ["STW1", *words, "NSOLL_A", "USER", "USER"], ["ZSW1", "NIST_A", *words, "USER"])
     assert own.setpoints.names == ("STW1", "USER", "USER_2", "USER_3", "USER_4", "NSOLL_A", "USER_5", "USER_6")
     assert own.actuals.names[-1] == "USER_5"
 
 
 def test_telegram_of_the_document_has_the_words_of_352() -> None:
     document = (Path(__file__).parents[3] / "docs" / "plc.md").read_text(encoding="utf-8")
-    parse_config(file(1352, document.partition("```toml\n")[2].partition("```")[0]))
-    own = catalogue.telegram(1352)
+    own = parse_config(file(1352, document.partition("```toml\n")[2].partition("```")[0])).axis[0].chosen
     assert (own.setpoints.size, own.actuals.size) == (12, 12)
 
 
@@ -233,12 +246,13 @@ def test_own_telegram_without_an_executor_is_rejected(
     number: int, like: int, names: tuple[list[str], list[str]], told: str
 ) -> None:
     with pytest.raises((GatewayError, ProfidriveError), match=told):
-        add_telegram(number, like, *names)
-    assert number not in telegrams.DRIVE_TELEGRAM_NUMBERS
+        own_drive_telegram(number, like, *names)
 
 
-def test_own_telegram_number_has_only_one_layout() -> None:
-    add_telegram(1001, 1, *SPEED)
+def test_a_program_can_add_a_telegram_to_its_process(removed_again: None) -> None:
+    own = add_telegram(1001, 1, *SPEED)
+    assert telegram(1001) is own
+    assert parse_config(file(1001)).axis[0].chosen == own
     add_telegram(1001, 1, *SPEED)
     with pytest.raises(ProfidriveError, match="1001 with two layouts"):
         add_telegram(1001, 2, ["STW1", "NSOLL_B"], ["ZSW1", "NIST_B"])
@@ -250,14 +264,46 @@ def test_a_configuration_that_is_read_twice_is_the_same() -> None:
     assert config_text(first) == config_text(second)
 
 
-def test_rejected_configuration_leaves_no_telegram_in_the_process() -> None:
-    with pytest.raises(GatewayError, match="cycle_time_ms"):
-        parse_config(file(1001, OWN) + "[transport]\ncycle_time_ms = 0\n")
-    assert 1001 not in telegrams.DRIVE_TELEGRAM_NUMBERS
-    assert 1001 not in catalogue.TELEGRAMS
-    corrected = OWN.replace('"USER", ', "")
-    assert parse_config(file(1001, corrected)).axis[0].telegram == 1001
-    assert "USER" not in catalogue.telegram(1001).setpoints.names
+def test_a_number_has_one_layout_in_a_configuration() -> None:
+    other = OWN.replace('"USER", ', "")
+    with pytest.raises(GatewayError, match=r"configuration:8: .*1001 with two layouts"):
+        parse_config(file(1001, OWN + other))
+    assert parse_config(file(1001, OWN + OWN)).axis[0].telegram == 1001
+
+
+def test_a_telegram_belongs_to_the_file_that_declares_it() -> None:
+    other = OWN.replace('"USER", ', "")
+    first, second = parse_config(file(1001, OWN)), parse_config(file(1001, other))
+    assert "USER" in first.axis[0].chosen.setpoints.names
+    assert "USER" not in second.axis[0].chosen.setpoints.names
+    assert first != second
+    assert 1001 in first.axis[0].telegrams, "P922 can select it"
+    with pytest.raises(GatewayError, match="telegram = 1001 is not supported, allowed: "):
+        parse_config(file(1001))
+
+
+def test_a_copy_of_a_configuration_has_its_telegrams() -> None:
+    config = parse_config(file(1001, OWN))
+    assert GatewayConfig.model_validate(dict(config)) == config
+    assert config.with_telegrams({1: 1}).with_telegrams({1: 1001}).axis[0].chosen == config.axis[0].chosen
+
+
+def test_two_gateways_with_other_telegrams_of_one_number() -> None:
+    torque, speed = (
+        OWN,
+        "[[telegram]]\nnumber = 1001\nlike = 1\n"
+        + ('setpoints = ["STW1", "USER", "NSOLL_A"]\nactuals = ["ZSW1", "NIST_A"]\n'),
+    )
+    with running(parse_config(file(1001, torque))) as one, running(parse_config(file(1001, speed))) as other:
+        assert [daemon.axes[0].telegram.setpoints.size for daemon in (one, other)] == [14, 6]
+        first, second = (Plc(world_of(daemon), daemon) for daemon in (one, other))
+        first.exchange(1, STW1=0x047E)
+        second.exchange(1, STW1=0x047E)
+        for plc in (first, second):
+            assert plc.actuals[0] is not None
+        first.exchange(4, STW1=0x047F, NSOLL_B=1 << 28, MOMRED=0)
+        second.exchange(4, STW1=0x047F, NSOLL_A=0x1000)
+        assert drive_of(one).model.target_velocity == drive_of(other).model.target_velocity != 0
 
 
 def test_error_names_the_table_of_the_own_telegram() -> None:

@@ -36,6 +36,7 @@ from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.drive.objects import EDS_PATH
 from pdgw.peers.world import World
+from pdgw.profidrive.telegrams import telegram
 from tests.support.gateways.daemon import axis, configuration
 
 # -- it finds what is there and says what is missing --------------------------------------------------------------
@@ -103,7 +104,7 @@ def test_what_a_shape_lacks_is_what_the_axis_machine_refuses(site: Site, name: s
     site.world.loop.run_for(20_000 * MS)  # the slowest has booted
     found = site.scan()[7]
     assert found.drive is not None
-    assert found.lacks[1] == lacks(found.drive, 1)
+    assert found.lacks[1] == lacks(found.drive, telegram(1))
     known = found.drive.scaling.rated_speed_rpm is not None and found.drive.speed_mode is not None
     assert (not found.lacks[1]) == known, found.lacks[1]
 

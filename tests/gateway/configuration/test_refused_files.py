@@ -18,6 +18,7 @@ from pdgw.gateway.configuration.file import load_config, parse_config
 from pdgw.gateway.configuration.toml_file import DEPTH_MAX, FILE_MAX
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from pdgw.peers.plc.scenario_file import load_scenario
+from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.station import IpSuite
 from tests.support.drives.drive_types import described
 
@@ -86,8 +87,8 @@ def test_yaml_bombs(tmp_path: Path, text: str, message: str) -> None:
 )
 def test_all_missing_keys_are_reported_at_once(number: int, keys: tuple[str, ...]) -> None:
     drive = replace(described("rpm"), scaling=find_scaling({}))
-    text = lacks(drive, number)
-    assert missing_lines(drive, number) == tuple(KEY_LINES[key].text for key in keys)
+    text = lacks(drive, telegram(number))
+    assert missing_lines(drive, telegram(number)) == tuple(KEY_LINES[key].text for key in keys)
     for key in keys:
         assert f"{key} = " in text, "fault 104 names it with its line"
 
@@ -107,7 +108,7 @@ def test_with_the_reported_keys_nothing_is_missing() -> None:
         rated_acceleration=Fraction(3000),
     )
     drive = replace(described("rpm"), scaling=find_scaling({}, keys))
-    assert [lacks(drive, number) for number in (1, 9, 111)] == ["", "", ""]
+    assert [lacks(drive, telegram(number)) for number in (1, 9, 111)] == ["", "", ""]
 
 
 # -- PROFINET -----------------------------------------------------------------------------------------------------

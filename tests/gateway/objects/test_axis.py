@@ -17,6 +17,7 @@ from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
+from pdgw.profidrive.errors import ProfidriveError
 from tests.support import buses
 from tests.support.drives.drive_types import engel
 
@@ -198,15 +199,16 @@ def test_without_a_drive_the_values_are_bad_and_nothing_is_sent(axis: Axis) -> N
 
 
 @pytest.mark.parametrize(
-    ("number", "message"),
+    ("number", "error", "message"),
     [
-        (113, "telegram: 113 is not supported"),
-        (112, "lu_per_unit is missing: telegram 112 needs lu_per_unit and velocity_per"),
+        (113, ProfidriveError, "telegram: 113 is not allowed"),
+        (81, GatewayError, "telegram: 81 is not supported for a drive"),
+        (112, GatewayError, "lu_per_unit is missing: telegram 112 needs lu_per_unit and velocity_per"),
     ],
 )
-def test_an_unsupported_telegram_changes_nothing(axis: Axis, number: int, message: str) -> None:
+def test_an_unsupported_telegram_changes_nothing(axis: Axis, number: int, error: type[Exception], message: str) -> None:
     before = axis.machine
-    with pytest.raises(GatewayError, match=message):
+    with pytest.raises(error, match=message):
         axis.change_telegram(number)
     assert axis.machine is before
     assert axis.telegram.number == 9

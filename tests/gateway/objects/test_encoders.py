@@ -19,6 +19,7 @@ from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.output.status_text import status_lines
 from tests.support.documents.profile_numbers import decode_sensor_format
 from tests.support.gateways.daemon import (
@@ -337,11 +338,11 @@ def test_a_drive_whose_g1_is_an_encoder_needs_no_position_of_its_own(number: int
 
 @pytest.mark.parametrize("number", [5, 6, 105, 106])
 def test_dsc_needs_the_drives_position_whatever_g1_is(number: int) -> None:
-    assert drive_layout(number, g1_is_encoder=True) == drive_layout(number)
+    assert drive_layout(telegram(number), g1_is_encoder=True) == drive_layout(telegram(number))
 
 
 def test_the_second_encoder_of_a_drive_stays_where_g1_is_another_nodes() -> None:
-    tpdos = drive_layout(4, second=SecondSensor.DRIVE, g1_is_encoder=True).tpdos
+    tpdos = drive_layout(telegram(4), second=SecondSensor.DRIVE, g1_is_encoder=True).tpdos
     assert [item.attributes for item in tpdos] == [
         ("statusword", "velocity_actual"),
         ("velocity_demand",),

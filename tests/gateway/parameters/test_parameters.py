@@ -24,6 +24,7 @@ from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber as Number
+from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.output.status_text import status_lines
 from tests.support.gateways.daemon import (
     OFF,
@@ -59,7 +60,7 @@ def test_worked_example_that_changes_the_telegram() -> None:
         drive = daemon.axes[0].drive
         until(daemon, lambda: drive.generation == 2, "mapped anew")
         assert number(client, 922) == 9
-        expected = [(pdo.number, pdo.size) for pdo in drive_layout(9).rpdos]
+        expected = [(pdo.number, pdo.size) for pdo in drive_layout(telegram(9)).rpdos]
         assert [(pdo.number, pdo.size) for pdo in drive.layout.rpdos] == expected
         plc = Plc(daemon, [9])
         plc.endpoint.set(0, {"STW1": 0x043E})

@@ -17,6 +17,7 @@ from pdgw.gateway.axis.values import Configured, SdoAnswer
 from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram
 from tests.long.walk.checkpoint import Checkpoint, Checkpoints
 from tests.long.walk.plc import HOMING_METHOD
 from tests.long.walk.values import Answered, Life, Numbered, Output, Plc, Shown
@@ -43,7 +44,7 @@ class Transducer:
     ) -> None:
         """``on_ns``: the longest time of an ON, without that of a brake; 0: that of the settings. ``polled``: the speed is read
         by SDO."""
-        self._machine = AxisMachine(number, settings, DriveFeedback())
+        self._machine = AxisMachine(telegram(number), settings, DriveFeedback())
         if on_ns:
             self._machine.interlock._commanded.limits = _limits(settings.latency_ns, on_ns)
         self._drive = drive

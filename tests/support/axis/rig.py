@@ -19,6 +19,7 @@ from pdgw.peers.drive import ENGEL, LINEAR_AXIS, Machine, SimulatedDriveNode
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from pdgw.peers.drive.objects import FAMILY
+from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.mapping import pdo_steps
 from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References
@@ -41,8 +42,8 @@ class Rig:
         self.stepper = Stepper(number, AxisSettings(**{"cycle_ns": CYCLE_MS * MS, **settings}))  # type: ignore[arg-type]
         dsc = self.stepper.settings.dsc
         self._form = DscForm.SPEED if dsc is None else dsc.form
-        kind = SYNCHRONOUS if drive_telegram(number).kind is Kind.DSC else ENGEL
-        needs = drive_layout(number, self._form, self.stepper.settings.second_sensor)
+        kind = SYNCHRONOUS if drive_telegram(telegram(number)).kind is Kind.DSC else ENGEL
+        needs = drive_layout(telegram(number), self._form, self.stepper.settings.second_sensor)
         self.layout = with_objects(needs, FAMILY.entries)
         self.node = SimulatedDriveNode(
             NODE, self._transmitted, machine=machine or LINEAR_AXIS, shape=shape or kind, latency=latency
@@ -63,7 +64,7 @@ class Rig:
         self._tpdos = {pdo.cob_id(NODE): pdo for pdo in self.layout.tpdos}
         self._sent: dict[int, bytes] = {}
         self.node.start(self.now)
-        self._configure(initial_mode(number, self._form))
+        self._configure(initial_mode(telegram(number), self._form))
         self.stepper.set_references(References(), homing_method=35)
 
     @property
@@ -107,7 +108,7 @@ class Rig:
         """Power cycle of the drive, and what the gateway does about it."""
         self.node.receive(0, bytes((NmtCommand.RESET_NODE, NODE)), self.now)
         self._sent.clear()
-        self._configure(initial_mode(self.stepper.telegram.number, self._form))
+        self._configure(initial_mode(self.stepper.telegram, self._form))
         self.stepper.drive_restarted()
         self.stepper.set_references(References())
 

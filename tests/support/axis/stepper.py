@@ -19,6 +19,7 @@ from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
 from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, SdoAnswer, SdoWrite
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.dsc_setpoint import DscChoices, DscForm
+from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.positioner import CHOICES
 from tests.support.drives.drive_types import References, engel
 
@@ -76,7 +77,7 @@ class Stepper(_Device):
     def __init__(self, number: int, settings: AxisSettings | None = None) -> None:
         self.feedback = DriveFeedback()
         self.machine = AxisMachine(
-            number, settings or AxisSettings(cycle_ns=4_000_000, positioner=CHOICES, dsc=DSC), self.feedback
+            telegram(number), settings or AxisSettings(cycle_ns=4_000_000, positioner=CHOICES, dsc=DSC), self.feedback
         )
         self.telegram = self.machine.telegram
         self.settings = self.machine.settings

@@ -93,7 +93,9 @@ class Plc(plc.Plc):
         self.daemon = daemon
         world = world_of(daemon)
         port = world.network.open(host, 0, "PLC")
-        super().__init__(world.loop, port, daemon.address, [telegram(n) for n in numbers], daemon.cycle_ns)
+        super().__init__(
+            world.loop, port, daemon.address, [telegram(n, daemon.config.telegrams) for n in numbers], daemon.cycle_ns
+        )
         self.change: Callable[[bytearray], bytes] = bytes
         """Make of a frame what is sent."""
 

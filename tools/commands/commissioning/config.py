@@ -202,7 +202,7 @@ def _forbidden_value(config: GatewayConfig, axis: AxisConfig, drive: DriveType) 
             return f"{row.entry} = {value} of {values.source}: {row.why}; allowed: {row.corrected(value)}"
     settings = axis.settings_at(cycle_ms)
     without, with_values = (
-        lacks(item, axis.telegram, settings) for item in (drive, replace(drive, acting=values.numbers))
+        lacks(item, axis.chosen, settings) for item in (drive, replace(drive, acting=values.numbers))
     )
     return "" if with_values == without else f"{values.source}: {with_values}"
 
@@ -214,7 +214,7 @@ def _plan(config: GatewayConfig, axis: AxisConfig, drive: DriveType) -> tuple[Pd
 
     cycle_ms = config.transport.cycle_time_ms
     node, settings = axis.drive_settings(axis.telegram, cycle_ms), axis.settings_at(cycle_ms)
-    plan = planned(drive, axis.telegram, axis.node_id, sync=node.sync, settings=settings)
+    plan = planned(drive, axis.chosen, axis.node_id, sync=node.sync, settings=settings)
     return plan, (*plan.lines, *speed_by_sdo(plan, node, axis.reaction_ns(axis.telegram, cycle_ms)))
 
 
@@ -253,10 +253,10 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     for line in drive.scaling.lines:
         typer.echo(f"  {line}")
     settings = axis.settings_at(config.transport.cycle_time_ms)
-    refusal = lacks(drive, axis.telegram, settings)
+    refusal = lacks(drive, axis.chosen, settings)
     if refusal:
         typer.echo(f"  telegram {axis.telegram} is rejected: {refusal}")
-        for line in missing_lines(drive, axis.telegram, settings=settings):
+        for line in missing_lines(drive, axis.chosen, settings=settings):
             typer.echo(f"    {line}")
         return None
     plan, lines = _plan(config, axis, drive)

@@ -188,12 +188,14 @@ def _notes(result: EdsImport | EdsError) -> list[str]:
 def _not_available(drive: DriveType, numbers: Iterable[int]) -> dict[int, Sequence[str]]:
     """The optional objects that the drive lacks, for each telegram."""
     from pdgw.gateway.commissioning.telegram_check import not_available
+    from pdgw.profidrive.telegrams import TELEGRAMS
 
-    return {number: lines for number in numbers if (lines := not_available(drive, number))}
+    return {number: lines for number in numbers if (lines := not_available(drive, TELEGRAMS[number]))}
 
 
 def _match_document(result: EdsImport | EdsError) -> dict[str, Any]:
     from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram, missing_lines
+    from pdgw.profidrive.telegrams import telegram
 
     drive = _drive_of(result)
     if drive is None:
@@ -206,7 +208,7 @@ def _match_document(result: EdsImport | EdsError) -> dict[str, Any]:
         "homing_methods": list(drive.homing_methods),
         "scaling": list(drive.scaling.lines),
         "telegrams": dict(missing),
-        "keys": list(missing_lines(drive, *missing)),
+        "keys": list(missing_lines(drive, *map(telegram, missing))),
         "not_available": _not_available(drive, missing),
     }
 
@@ -214,6 +216,7 @@ def _match_document(result: EdsImport | EdsError) -> dict[str, Any]:
 def _print_match(drive: DriveType) -> None:
     from pdgw.dsp402.identification.overlay import overlay
     from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram, missing_lines
+    from pdgw.profidrive.telegrams import telegram
 
     missing = lacks_by_telegram(drive)
     without = _not_available(drive, missing)
@@ -232,7 +235,7 @@ def _print_match(drive: DriveType) -> None:
     for line in dict.fromkeys(line for lines in without.values() for line in lines):
         numbers = [str(number) for number, lines in without.items() if line in lines]
         typer.echo(f"telegram{'s' * (len(numbers) > 1)} {', '.join(numbers)}: {line}")
-    lines = missing_lines(drive, *missing)
+    lines = missing_lines(drive, *map(telegram, missing))
     if lines:
         typer.echo("paste into its [[axis]] and fill in the keys that the telegram needs:")
     for line in lines:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +14,7 @@ import typer
 
 from pdgw.gateway.base.errors import GatewayError, writing
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
-from pdgw.profidrive.telegrams import Direction
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram
 
 if TYPE_CHECKING:
     from pdgw.gateway.configuration.byte_map import FrameMap, Place
@@ -99,7 +99,7 @@ def map_(
     if gsdml is not None:
         if not profinet:
             raise GatewayError(f'--gsdml: {config} has type = "{loaded.transport.type}", expected "profinet"')
-        typer.echo(f"device description: {_write_gsdml(loaded.transport, gsdml)}", err=True)
+        typer.echo(f"device description: {_write_gsdml(loaded.transport, gsdml, loaded.telegrams)}", err=True)
     formats: dict[Format, Callable[[], str]] = {
         Format.TEXT: lambda: (_profinet_text if profinet else _udp_text)(maps, None if out is None else 120),
         Format.CSV: lambda: _csv(maps, profinet=profinet),
@@ -117,11 +117,11 @@ def map_(
         out.write_text(text, encoding="utf-8")
 
 
-def _write_gsdml(transport: TransportConfig, folder: Path) -> Path:
-    """Write the device description to a folder."""
+def _write_gsdml(transport: TransportConfig, folder: Path, known: Mapping[int, Telegram] = TELEGRAMS) -> Path:
+    """Write the device description to a folder. ``known``: the telegrams, the user's own among them."""
     from pdgw.tools.output.data_sheets import write_gsdml
 
-    return write_gsdml(transport, folder, "--gsdml")
+    return write_gsdml(transport, folder, "--gsdml", known)
 
 
 def _udp_text(maps: Maps, width: int | None) -> str:

@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 def configured_settings(config: GatewayConfig, telegrams: Sequence[int] = ()) -> Settings:
     """Axes and encoders in the order of the frame, with EDS files and ports; ``telegrams`` replace the configured ones.
     ProfidriveError for an unknown telegram."""
-    single = len(config.can) == 1
+    single, known = len(config.can) == 1, config.telegrams
     axes = [
         Axis(
             axis.do_id,
-            telegram(telegrams[position] if position < len(telegrams) else axis.telegram).number,
+            telegram(telegrams[position] if position < len(telegrams) else axis.telegram, known).number,
             axis.node_id,
             "" if single else str(config.bus_of(axis).channel),
         )
@@ -48,6 +48,7 @@ def configured_settings(config: GatewayConfig, telegrams: Sequence[int] = ()) ->
         dictionary=dictionary_of(_configured_eds(config)),
         cyclic_ports=Settings.cyclic_ports | cyclic,
         acyclic_ports=Settings.acyclic_ports | acyclic,
+        telegrams=known,
     )
 
 
@@ -141,11 +142,12 @@ def known_beforehand(
         settings, files = configured_settings(loaded, telegrams), _configured_eds(loaded) | files
         bitrate = loaded.can[0].bitrate
     dictionary = dictionary_of(files, default)
-    names = Names()
+    dictionaries: list[ObjectNames] = []
     if dictionary is not None:
         # Names do not depend on the node-ID, so one is enough. Report unusable files before the first packet.
         chosen = [*files, *([min(set(range(1, 128)) - set(files))] if default else [])]
-        names = Names(ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None)
+        dictionaries = [ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None]
+    names = Names(dictionaries, settings.telegrams.values())
     return Knowledge(replace(settings, dictionary=dictionary, station=station), names, bitrate)
 
 

@@ -11,12 +11,13 @@ grow with the capture.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.profidrive.frame import CYCLIC_PORT, ETHERTYPE
+from pdgw.profidrive.telegrams import TELEGRAMS, Telegram
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord
 from pdgw.tools.decoder.frames.canopen.decoder import CanopenDecoder, Dictionary
@@ -65,6 +66,8 @@ class Settings:
     cyclic_ports: frozenset[int] = frozenset({CYCLIC_PORT})
     acyclic_ports: frozenset[int] = frozenset({ACYCLIC_PORT})
     station: str = ""
+    telegrams: Mapping[int, Telegram] = field(default_factory=lambda: TELEGRAMS)
+    """Those known by number, the user's own among them."""
 
 
 @dataclass
@@ -77,7 +80,8 @@ class Decoder:
 
     def __post_init__(self) -> None:
         names = StationNames()
-        self._cyclic = CyclicDecoder(self.settings.axes, self.notices.append, self.settings.station)
+        settings = self.settings
+        self._cyclic = CyclicDecoder(settings.axes, self.notices.append, settings.station, settings.telegrams)
         self._acyclic = AcyclicDecoder(self._cyclic, names)
         self._frames = FrameDecoder(names, self._acyclic.relations.between)
         self._buses: dict[str, CanopenDecoder] = {}
@@ -133,7 +137,7 @@ class Decoder:
     def _bus(self, channel: str) -> CanopenDecoder:
         settings = self.settings
         axes = [axis for axis in settings.axes if axis.bus in {"", channel}]
-        bus = self._buses[channel] = CanopenDecoder(axes, settings.dictionary, settings.origin)
+        bus = self._buses[channel] = CanopenDecoder(axes, settings.dictionary, settings.origin, settings.telegrams)
         return bus
 
     def _socketcan(self, number: int, time_ns: int, channel: str, data: bytes) -> Record:

@@ -12,7 +12,7 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS
 from pdgw.gateway.base.reasons import AxisState, Reason
@@ -63,7 +63,7 @@ class ObjectFollower:
         self._early = uncertainty_ns
         self._bad_since: dict[Direction, int] = {}
         """Process data that is marked as bad."""
-        self._followed = _WORDS if axis.telegram in DRIVE_TELEGRAM_NUMBERS else {}
+        self._followed = {} if axis.telegram in ENCODER_TELEGRAM_NUMBERS else _WORDS
         self._words: dict[WordKind, tuple[int, Field]] = {}
         self._newest: dict[WordKind, Edge] = {}
         self._command: Edge | None = None

@@ -12,7 +12,7 @@ from typing import Final
 
 from pdgw.base.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.telegrams import TELEGRAMS, Direction
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram
 from pdgw.tools.decoder.frames.canopen.objects import ObjectNames, any_drive, encoder_catalogue
 from pdgw.tools.decoder.frames.fields import Field, Raw, half_fields, identifier
 from pdgw.tools.decoder.frames.records import ProcessData, Record
@@ -120,11 +120,13 @@ def part_value(field: Field, raw: Raw, part: str) -> Value:
 
 
 class Names:
-    """All valid names: fields of packets, signals of all telegrams, objects of the given dictionaries."""
+    """All valid names: fields of packets, signals of the telegrams, objects of the given dictionaries."""
 
-    def __init__(self, dictionaries: Iterable[ObjectNames] = ()) -> None:
+    def __init__(
+        self, dictionaries: Iterable[ObjectNames] = (), telegrams: Iterable[Telegram] = TELEGRAMS.values()
+    ) -> None:
         self._parts: dict[str, set[str]] = {}
-        for telegram in TELEGRAMS.values():
+        for telegram in telegrams:
             for direction in Direction:
                 for field in half_fields(telegram.half(direction)):
                     self._add(field)

@@ -15,6 +15,7 @@ from pdgw.ds301.pdo import COB_ID_INVALID
 from pdgw.dsp402.pdo.layouts import Operation
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, drive_layout
 from pdgw.peers.drive.objects import EDS_PATH, PRODUCT_CODE, VENDOR_ID
+from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.decoder.capture.knowledge import dictionary_of
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, SdoRecord
 from pdgw.tools.decoder.frames.canopen.decoder import CanopenDecoder
@@ -63,7 +64,7 @@ def configure(bus: CanopenDecoder, operation: Operation) -> None:
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
 def test_every_pdo_the_gateway_maps_for_a_telegram_is_read(number: int) -> None:
     bus = CanopenDecoder([Axis(1, number, NODE)])
-    layout = drive_layout(number)
+    layout = drive_layout(telegram(number))
     for pdo in (*layout.rpdos, *layout.tpdos):
         assert list(values(feed(bus, pdo.cob_id(NODE), bytes(pdo.size)))) == [entry.name for entry in pdo.entries]
 

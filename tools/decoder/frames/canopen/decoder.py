@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import datetime
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -39,7 +39,7 @@ from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirectio
 from pdgw.ds301.sdo_frames import FRAME_SIZE
 from pdgw.dsp402.identification.overlay import entries_of, families_of
 from pdgw.dsp402.pdo.layouts import with_objects
-from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, telegram
 from pdgw.tools.decoder.frames.canopen.can_records import (
     CanRecord,
     EmcyRecord,
@@ -133,8 +133,15 @@ class _Node:
 class CanopenDecoder:
     """The nodes of one bus. ``axes`` with a node-ID have the gateway's PDO layouts; ``origin`` says who gave them."""
 
-    def __init__(self, axes: Sequence[Axis] = (), dictionary: Dictionary | None = None, origin: str = "configuration"):
+    def __init__(
+        self,
+        axes: Sequence[Axis] = (),
+        dictionary: Dictionary | None = None,
+        origin: str = "configuration",
+        telegrams: Mapping[int, Telegram] = TELEGRAMS,
+    ) -> None:
         self._dictionary = dictionary
+        self._telegrams = telegrams
         self._nodes: dict[int, _Node] = {}
         self._pdos: dict[int, PdoLayout] = {}
         self._axes = {axis.node: axis for axis in axes if axis.node}
@@ -158,9 +165,11 @@ class CanopenDecoder:
         axis = self._axes.get(node_id)
         if axis is not None:
             node.axis = axis.do_id
-            if not node.has_dictionary and telegram(axis.telegram).mode is ApplicationMode.ENCODER:
+            chosen = telegram(axis.telegram, self._telegrams)
+            if chosen.mode is not ApplicationMode.ENCODER:
+                self._use_layouts(node_id, node, chosen)
+            elif not node.has_dictionary:
                 node.names = encoder_catalogue()
-            self._use_layouts(node_id, node, axis)
         return node
 
     # -- one frame -------------------------------------------------------------------------------------------------
@@ -264,18 +273,11 @@ class CanopenDecoder:
 
     # -- PDO mappings ----------------------------------------------------------------------------------------------
 
-    def _use_layouts(self, node_id: int, node: _Node, axis: Axis) -> None:
-        """The gateway's own layouts for the axis' telegram."""
-        from pdgw.gateway.axis.telegrams import (  # noqa: PLC0415 (loads canopen, and is needed with given axes only)
-            DRIVE_TELEGRAM_NUMBERS,
-            drive_layout,
-        )
+    def _use_layouts(self, node_id: int, node: _Node, chosen: Telegram) -> None:
+        """The gateway's own layouts for a telegram of drives."""
+        from pdgw.gateway.axis.telegrams import drive_layout  # noqa: PLC0415 (loads canopen, for given axes only)
 
-        if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
-            return
-        layouts = with_objects(
-            drive_layout(axis.telegram), {e.attribute: e for e in entries_of(node.families).values()}
-        )
+        layouts = with_objects(drive_layout(chosen), {e.attribute: e for e in entries_of(node.families).values()})
         for pdo in (*layouts.rpdos, *layouts.tpdos):
             if pdo.number <= 4 or node_id <= 0x3F:
                 node.parameters[pdo.communication_index, 1] = pdo.cob_id(node_id)

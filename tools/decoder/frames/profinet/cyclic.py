@@ -26,7 +26,7 @@ from pdgw.profidrive.frame import (
     TRAILER,
     CSduLayout,
 )
-from pdgw.profidrive.telegrams import TELEGRAMS, Direction, likeliest, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf, likeliest, telegram
 from pdgw.profinet.connection.connect import CyclicPlan
 from pdgw.profinet.model import TELEGRAM_IDENT, Subslot
 from pdgw.tools.decoder.frames.fields import BoundedDict, half_fields
@@ -66,9 +66,9 @@ class Axis:
 
 
 @cache
-def unit_layout(number: int, direction: Direction) -> ProcessDataLayout:
-    """The fields of one telegram direction; ProfidriveError for an unknown telegram."""
-    return ProcessDataLayout(half_fields(telegram(number).half(direction)), number, direction)
+def unit_layout(half: TelegramHalf) -> ProcessDataLayout:
+    """The fields of one telegram direction."""
+    return ProcessDataLayout(half_fields(half), half.telegram, half.direction)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +76,7 @@ class Placement:
     """The place of an axis in a frame; offsets count from the first byte of the frame, the FrameID."""
 
     axis: Axis
+    half: TelegramHalf
     data: int
     iops: int
     iocs: int
@@ -85,7 +86,7 @@ def placed_layout(placements: Sequence[Placement], direction: Direction, length:
     """The layout of a frame of ``length`` bytes; None when something overlaps or does not fit into it."""
     pieces: list[tuple[int, int, str]] = []
     for placement in placements:
-        half = telegram(placement.axis.telegram).half(direction)
+        half = placement.half
         pieces.append((placement.data, half.size, "".join(signal.type.char for signal in half.signals)))
         pieces += [(placement.iops, 1, "B"), (placement.iocs, 1, "B")]
     characters = [">H"]
@@ -102,7 +103,7 @@ def placed_layout(placements: Sequence[Placement], direction: Direction, length:
         return None
     axes = []
     for placement in placements:
-        axis, unit = placement.axis, unit_layout(placement.axis.telegram, direction)
+        axis, unit = placement.axis, unit_layout(placement.half)
         first, iops, iocs = positions[placement.data], positions[placement.iops], positions[placement.iocs]
         if first + len(unit.fields) != iops:
             return None
@@ -110,13 +111,15 @@ def placed_layout(placements: Sequence[Placement], direction: Direction, length:
     return FrameLayout(struct.Struct("".join(characters) + f"{padding}xHBB"), direction, tuple(axes))
 
 
-def frame_layout(axes: Sequence[Axis], direction: Direction, length: int) -> FrameLayout | None:
+def frame_layout(
+    axes: Sequence[Axis], direction: Direction, length: int, telegrams: Mapping[int, Telegram]
+) -> FrameLayout | None:
     """The layout of a static relationship's frame with these axes; None when they do not fit into ``length`` bytes."""
     try:
-        static = CSduLayout([telegram(axis.telegram) for axis in axes], direction)
+        static = CSduLayout([telegram(axis.telegram, telegrams) for axis in axes], direction)
     except ProfidriveError:  # more axes than a frame can have
         return None
-    places = zip(axes, static.offsets, static.iops, static.iocs, strict=True)
+    places = zip(axes, static.halves, static.offsets, static.iops, static.iocs, strict=True)
     layout = placed_layout([Placement(*place) for place in places], direction, length)
     # A shorter frame is of a version without ticks.
     return (
@@ -181,11 +184,18 @@ def _combine(one: list[Candidate], other: list[Candidate]) -> list[Candidate]:
 
 
 class CyclicDecoder:
-    """All cyclic frames of a capture. ``notify`` is called with the source of inferred telegrams."""
+    """All cyclic frames of a capture. ``notify`` is called with the source of inferred telegrams. ``telegrams``: those known."""
 
-    def __init__(self, axes: Sequence[Axis], notify: Callable[[str], None], station: str = "") -> None:
+    def __init__(
+        self,
+        axes: Sequence[Axis],
+        notify: Callable[[str], None],
+        station: str = "",
+        telegrams: Mapping[int, Telegram] = TELEGRAMS,
+    ) -> None:
         for axis in axes:
-            telegram(axis.telegram)
+            telegram(axis.telegram, telegrams)
+        self._telegrams = telegrams
         self._given = tuple(axes)
         self._station = station
         self._notify = notify
@@ -295,13 +305,14 @@ class CyclicDecoder:
             if place not in connection.profidrive and not (self._given and place[0] in known):
                 continue
             sizes = connection.sizes(place)
-            fitting = [n for n, t in TELEGRAMS.items() if [t.half(direction).size for direction in Direction] == sizes]
+            telegrams = self._telegrams.items()
+            fitting = [n for n, t in telegrams if [t.half(direction).size for direction in Direction] == sizes]
             axis = known.get(place[0]) or Axis(place[0], 0, slot=place[0])
             # The gateway's own submodules name their telegram; others have only a length.
             named = connection.submodules[place].ident - TELEGRAM_IDENT
             number = named if named in fitting else self._observed.get(axis.do_id, axis.telegram)
             if fitting:
-                number = number if number in fitting else likeliest(fitting)
+                number = number if number in fitting else likeliest(fitting, self._telegrams)
                 found.append((replace(axis, telegram=number), place))
         return found
 
@@ -326,7 +337,8 @@ class CyclicDecoder:
             if place in plan.data and place in plan.iocs:
                 data = plan.data[place]
                 begin, iops = HEADER.size + data.offset, HEADER.size + data.iops
-                placements.append(Placement(axis, begin, iops, HEADER.size + plan.iocs[place]))
+                half = self._telegrams[axis.telegram].half(direction)
+                placements.append(Placement(axis, half, begin, iops, HEADER.size + plan.iocs[place]))
         layout = placed_layout(placements, direction, length)
         return layout or _plain_layout(length, direction, "length differs from the length in its Connect")
 
@@ -334,7 +346,7 @@ class CyclicDecoder:
         """P922 of a DO was seen. An unknown telegram is reported and ignored."""
         if self._observed.get(do_id) == number:
             return
-        if number not in TELEGRAMS:
+        if number not in self._telegrams:
             self._notify(f"axis {do_id}: P922 = {number} is an unknown telegram")
             return
         before = {axis.do_id: axis.telegram for axis in self.axes}.get(do_id)
@@ -394,7 +406,7 @@ class CyclicDecoder:
         else:
             self._infer(direction, data)
         axes = self.axes
-        fitting = frame_layout(axes, direction, len(data)) if axes else None
+        fitting = frame_layout(axes, direction, len(data), self._telegrams) if axes else None
         if fitting is not None:
             if direction in self._seen or self._candidates:
                 self._layouts[key] = fitting
@@ -432,7 +444,7 @@ class CyclicDecoder:
         """Return whether the given telegrams explain all status bytes and an IOPS is BAD: nothing can be inferred then."""
         place, iops = 0, bytearray()
         for axis in self.axes:
-            place += telegram(axis.telegram).half(direction).size
+            place += self._telegrams[axis.telegram].half(direction).size
             iops += c_sdu[place : place + 1]
             place += 1
         iocs = c_sdu[place : place + len(self.axes)]
