@@ -18,10 +18,12 @@ from typer.testing import CliRunner, Result
 
 from pdgw.base.phrases import counted
 from pdgw.gateway.base.errors import GatewayError
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.links import cyclic
 from pdgw.tools import commands
 from pdgw.tools.cli import app
 from pdgw.tools.command_table import COMMANDS, EXAMPLES, GROUPS, Command, Entry, Group
+from pdgw.tools.commands.gateway.run import _with_options
 
 ENTRIES = [*COMMANDS.items(), *(item for table in GROUPS.values() for item in table.items())]
 _HELPERS = {"__init__", "options"}
@@ -170,6 +172,15 @@ sys.argv = ["pdgw", "status", "--port", "1"]
 from pdgw.__main__ import run
 run()
 """
+
+
+def test_an_option_of_run_changes_its_key_alone(tmp_path: Path) -> None:
+    path = tmp_path / "gateway.toml"
+    path.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
+    config = load_config(path)
+    changed = _with_options(config, {"cycle_time_ms": 8, "peer": None})
+    assert changed.transport.cycle_time_ms == 8
+    assert changed.model_copy(update={"transport": config.transport}) == config
 
 
 @pytest.mark.e2e

@@ -35,12 +35,12 @@ def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayC
     given = {key: value for key, value in updates.items() if value is not None}
     if not given:
         return config
-    document = config.model_dump()
-    document["transport"] |= given
+    document = dict(config) | {"transport": config.transport.model_dump() | given}
     try:
-        return GatewayConfig.model_validate(document)
+        transport = GatewayConfig.model_validate(document).transport
     except ValidationError as error:
         raise GatewayError("\n".join(_option_problem(problem) for problem in problems(error, GatewayConfig))) from error
+    return config.model_copy(update={"transport": transport})
 
 
 def _option_problem(problem: Problem) -> str:
