@@ -55,7 +55,6 @@ from pdgw.dsp402.drive.value_writer import DriveValueWriter
 from pdgw.dsp402.drive_type import DriveType, Dsp402Error
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, describe, questions, signed
 from pdgw.dsp402.identification.generic import dictionary_of, generic_dictionary
-from pdgw.dsp402.identification.overlay import overlay, overlay_for
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import (
     CONTROLWORD,
@@ -202,7 +201,7 @@ class DriveClient(NodeClient[DriveSettings]):
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has the object, and keeps its own value unless it is written
-        drive = describe(self.sdo.dictionary, answers, self.settings.units, self.settings.family)
+        drive = describe(self.sdo.dictionary, answers, self.settings.units, self.settings.families)
         self.drive_type = drive = self._corrected(drive, answers)
         self.units.watch = UnitWatch(answers)
         return drive
@@ -248,7 +247,7 @@ class DriveClient(NodeClient[DriveSettings]):
             if self.settings.eds is None:
                 if self._identity is None:
                     self.sdo.dictionary = dictionary_of(
-                        self.settings.node_id, self._read_if_present, *self._device, self.settings.family
+                        self.settings.node_id, self._read_if_present, *self._device, self.settings.families
                     )
                     self._identity = self._device
                 self._compare_identity()
@@ -309,8 +308,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.serial_number = self.sdo.read_optional(*IDENTITY_SERIAL)
         self.own_values.identify((*self._device, self.serial_number))
         name = self.sdo.dictionary.device_information.product_name or ""
-        family = self.settings.family
-        self._drive_values.family = overlay(family) if family else overlay_for(*self._device, name)
+        self._drive_values.family = self.settings.families.of(*self._device, name)
         return KnownDevice(*self._device, serial_number=self.serial_number)
 
     def _read_capabilities(self) -> PdoCapabilities:

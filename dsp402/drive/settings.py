@@ -9,6 +9,7 @@ from pdgw.ds301.node.node import NodeSettings
 from pdgw.dsp402.acting import TURNS_ROUND, Acting, Treatment, acting_in
 from pdgw.dsp402.drive.guarding import GuardTimes
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.units.mechanics import UnitKeys
 
@@ -26,8 +27,8 @@ class DriveSettings(NodeSettings):
     """Operate a drive that nothing stops when the gateway dies."""
     units: UnitKeys | None = None
     """Units of the drive in the configuration."""
-    family: str = ""
-    """The overlay to take, whatever the drive's identity is."""
+    families: Families = NO_CHOICE
+    """The families that it may be of."""
     tasks: bool = False
     """The drive is given traversing tasks."""
     modulo: bool = False

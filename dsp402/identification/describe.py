@@ -16,7 +16,7 @@ from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.eds.pdos import pdo_capabilities, variable
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectAddress
 from pdgw.dsp402.drive_type import DriveType, Quirks
-from pdgw.dsp402.identification.overlay import Overlay, overlay, overlay_for, units_of
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families, Overlay
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import (
     DRIVE_OBJECTS,
@@ -82,16 +82,15 @@ def describe(
     dictionary: canopen.ObjectDictionary,
     answers: Mapping[ObjectAddress, int],
     units: UnitKeys | None = None,
-    family_name: str = "",
+    families: Families = NO_CHOICE,
 ) -> DriveType:
     """The drive with this data sheet that gave these answers; an object it did not answer is one it does not have.
 
-    ``units``: the configuration's. ``family_name``: of its overlay; without it the one that fits its identity 1018h, if there
-    is one. Dsp402Error for a family or a unit there is not.
+    ``units`` and ``families``: the configuration's. Dsp402Error for a unit there is not.
     """
     device_name = dictionary.device_information.product_name or ""
     identity = answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0), device_name
-    family = overlay(family_name) if family_name else overlay_for(*identity)
+    family = families.of(*identity)
     modes = _modes(dictionary, answers, family)
     vl = _uses_vl(modes)
     entries = _entries(dictionary, family, vl=vl)
@@ -101,7 +100,7 @@ def describe(
     scaling = find_scaling(
         answers,
         units,
-        units_of(family, *identity),
+        families.units_of(*identity),
         name=family.name if family else "1018h",
         vl=vl,
         range_is_limit=quirks.range_is_limit,
@@ -143,13 +142,13 @@ def answers_of_defaults(dictionary: canopen.ObjectDictionary) -> dict[ObjectAddr
 
 
 def described_by_sheet(
-    dictionary: canopen.ObjectDictionary, units: UnitKeys | None = None, family_name: str = ""
+    dictionary: canopen.ObjectDictionary, units: UnitKeys | None = None, families: Families = NO_CHOICE
 ) -> DriveType:
     """The drive as its data sheet alone describes it; as ``describe``."""
     information = dictionary.device_information
     identity = {IDENTITY_VENDOR: information.vendor_number, IDENTITY_PRODUCT: information.product_number}
     values = {address: value for address, value in identity.items() if value}
-    return describe(dictionary, answers_of_defaults(dictionary) | values, units, family_name)
+    return describe(dictionary, answers_of_defaults(dictionary) | values, units, families)
 
 
 def signed(dictionary: canopen.ObjectDictionary, address: ObjectAddress) -> bool:

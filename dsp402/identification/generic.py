@@ -29,24 +29,27 @@ from pdgw.dsp402.identification.describe import (
     questions,
     signed,
 )
-from pdgw.dsp402.identification.overlay import overlay, overlay_for
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FURTHER_OBJECTS, PDOS
 from pdgw.dsp402.units.mechanics import UnitKeys
 
 
 def probe(
-    node: Inquiry, dictionary: canopen.ObjectDictionary | None, units: UnitKeys | None = None, family: str = ""
+    node: Inquiry,
+    dictionary: canopen.ObjectDictionary | None,
+    units: UnitKeys | None = None,
+    families: Families = NO_CHOICE,
 ) -> DriveType:
     """The drive at this node, with its data sheet or without, in a task; Dsp402Error when none answers."""
     try:
         if dictionary is None:
             vendor, product = (node.number(*address) or 0 for address in (IDENTITY_VENDOR, IDENTITY_PRODUCT))
-            dictionary = dictionary_of(node.node_id, node.fetch, vendor, product, family)
+            dictionary = dictionary_of(node.node_id, node.fetch, vendor, product, families)
         answers = _answers(dictionary, node.fetch)
         acting = read_acting(ACTING, dictionary, node.fetch, answers)
     except SdoCommunicationError as error:
         raise Dsp402Error(f"node {node.node_id}", str(error), "a drive that answers SDO") from error
-    return replace(describe(dictionary, answers, units, family), acting=readable(acting))
+    return replace(describe(dictionary, answers, units, families), acting=readable(acting))
 
 
 def _answers(dictionary: canopen.ObjectDictionary, read: Read) -> dict[tuple[int, int], int]:
@@ -94,10 +97,10 @@ def discovered_dictionary(node_id: int, read: Read) -> canopen.ObjectDictionary:
 
 
 def dictionary_of(
-    node_id: int, read: Read, vendor_id: int, product_code: int, family: str = ""
+    node_id: int, read: Read, vendor_id: int, product_code: int, families: Families = NO_CHOICE
 ) -> canopen.ObjectDictionary:
     """The object dictionary of a device without a configured data sheet: the package's where it has one, else discovered."""
-    found = overlay(family) if family else overlay_for(vendor_id, product_code)
+    found = families.of(vendor_id, product_code)
     path = found.eds_path if found is not None else None
     if path is not None:
         packaged = import_eds(path, node_id).dictionary

@@ -1,7 +1,8 @@
 """Overlay files: facts that the data sheets of a family of drives lack, one TOML file per family in ``dsp402/families``.
 
-``add_family`` adds those of the user. An overlay is selected by the identity object 1018h or by name. It adds to the data sheet
-and the answers of the device, and never replaces them. Every file names its sources and what is unverified.
+Those of the user are values of a configuration, or added by ``add_family``. An overlay is selected by the identity object 1018h
+or by name. It adds to the data sheet and the answers of the device, and never replaces them. Every file names its sources and
+what is unverified.
 """
 
 from __future__ import annotations
@@ -9,13 +10,13 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from fractions import Fraction
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -195,6 +196,9 @@ class Overlay(_Model):
     quirks: QuirkKeys = QuirkKeys()
     units: Units = Units()
 
+    def __hash__(self) -> int:
+        return hash(self.name)
+
     def fits(self, vendor_id: int, product_code: int, name: str = "") -> bool:
         """Whether a device with this identity and name is of the family."""
         match = self.match
@@ -286,7 +290,7 @@ def parse_overlay(name: str, text: str) -> Overlay:
 
 
 _added: dict[str, Overlay] = {}
-"""The user's own families."""
+"""Those of ``add_family``."""
 
 
 @cache
@@ -297,8 +301,8 @@ def overlays() -> Mapping[str, Overlay]:
     } | _added
 
 
-def add_family(file: str | PathLike[str]) -> Overlay:
-    """Make a user's own family of drives known to this process, by the name of its file; the path of ``eds`` is relative to it.
+def own_family(file: str | PathLike[str]) -> Overlay:
+    """A user's own family of drives, with the name of its file; the path of ``eds`` is relative to it.
 
     Dsp402Error names the file, the key and what is allowed. Another family of that name is an error, the same one again is not.
     """
@@ -311,63 +315,17 @@ def add_family(file: str | PathLike[str]) -> Overlay:
     own = parse_overlay(path.stem, text)
     if own.eds:
         own = own.model_copy(update={"eds": str(path.parent / own.eds)})
-    known = overlays().get(own.name)
-    if known is None:
-        _added[own.name] = own
-        _forget_found()
-    elif known != own:
+    if overlays().get(own.name, own) != own:
         raise Dsp402Error("drive family", str(path), f"another file name: there is a family {own.name} already")
     return own
 
 
-def remove_family(name: str) -> None:
-    """Make a user's own family of drives unknown to this process."""
-    del _added[name]
-    _forget_found()
-
-
-def _forget_found() -> None:
-    for found in (overlays, all_families, families_of):
-        found.cache_clear()
-
-
-@cache
-def all_families() -> tuple[str, ...]:
-    """The names of every overlay."""
-    return tuple(overlays())
-
-
-@lru_cache(maxsize=64)
-def families_of(vendor_id: int | None, product_code: int = 0, name: str = "") -> tuple[str, ...]:
-    """The possible families of a device, by name: all while its vendor-ID is unknown, else the matching one, if any."""
-    if vendor_id is None:
-        return all_families()
-    found = overlay_for(vendor_id, product_code, name)
-    return () if found is None else (found.name,)
-
-
-@cache
-def entries_of(families: tuple[str, ...]) -> Mapping[tuple[int, int], Entry]:
-    """The manufacturer's objects of these families by address."""
-    entries = [entry for family in families for spec in overlays()[family].specs for entry in spec.entries]
-    return {entry.address: entry for entry in reversed(entries)}
-
-
-def with_units(entries: Iterable[Entry], families: tuple[str, ...]) -> tuple[Entry, ...]:
-    """Objects with the units these families give them."""
-    selected = [overlays()[family] for family in families]
-    found = ((entry, [text for item in selected if (text := item.unit_of(*entry.address))]) for entry in entries)
-    return tuple(replace(entry, unit=texts[0]) if texts else entry for entry, texts in found)
-
-
-@cache
-def modes_of(families: tuple[str, ...]) -> Mapping[int, str]:
-    """The manufacturer's modes of these families; a number that means several things has all of them."""
-    texts: dict[int, list[str]] = {}
-    for family in families:
-        for number, text in overlays()[family].modes.items():
-            texts.setdefault(number, []).append(text)
-    return {number: " or ".join(dict.fromkeys(found)) for number, found in texts.items()}
+def add_family(file: str | PathLike[str]) -> Overlay:
+    """As ``own_family``, and known to this process from then on. For programs: a configuration has its own ones."""
+    own = own_family(file)
+    _added[own.name] = own
+    overlays.cache_clear()
+    return own
 
 
 def overlay(name: str) -> Overlay:
@@ -378,28 +336,78 @@ def overlay(name: str) -> Overlay:
         raise Dsp402Error("drive family", name, ", ".join(overlays())) from None
 
 
-def overlay_for(vendor_id: int, product_code: int, name: str = "") -> Overlay | None:
-    """The family of a device with this identity (1018h/1, 1018h/2) and name; the closest where several fit."""
-    fitting = [item for item in overlays().values() if item.fits(vendor_id, product_code, name)]
-    return max(fitting, key=lambda item: (_by_product(item.match), bool(item.match.names)), default=None)
+@dataclass(frozen=True, slots=True)
+class Families:
+    """What is known of families of drives: every overlay, and the choice of the user."""
+
+    own: tuple[Overlay, ...] = ()
+    """The user's own ones, beside those of ``overlays``."""
+    named: Overlay | None = None
+    """The family of the device, whatever its identity is; None: its identity decides."""
+
+    @property
+    def known(self) -> tuple[Overlay, ...]:
+        """Every overlay."""
+        return tuple({**overlays(), **{item.name: item for item in self.own}}.values())
+
+    def of(self, vendor_id: int, product_code: int, name: str = "") -> Overlay | None:
+        """The named family, else that of a device with this identity (1018h/1, 1018h/2) and name: the closest that fits."""
+        if self.named is not None:
+            return self.named
+        fitting = [item for item in self.known if item.fits(vendor_id, product_code, name)]
+        return max(fitting, key=lambda item: (_by_product(item.match), bool(item.match.names)), default=None)
+
+    def possible(self, vendor_id: int | None, product_code: int = 0, name: str = "") -> tuple[Overlay, ...]:
+        """The possible families of a device: all while its vendor-ID is unknown, else the matching one, if any."""
+        if vendor_id is None:
+            return self.known
+        found = self.of(vendor_id, product_code, name)
+        return () if found is None else (found,)
+
+    def units_of(self, vendor_id: int, product_code: int, name: str) -> FamilyUnits:
+        """Known facts about the units of a device with this identity.
+
+        For a device without family, its own objects count, unless its maker has families with units of their own.
+        """
+        family = self.of(vendor_id, product_code, name)
+        if family is not None:
+            return family.family_units
+        if any(item.match.vendor_id == vendor_id for item in self.known):
+            device = f"vendor-ID {vendor_id:X}h, product code {product_code:X}h, name {name!r}"
+            return FamilyUnits(
+                ask=(
+                    f"no family of this manufacturer matches {device}, and the families have different units: set family or"
+                )
+            )
+        return FamilyUnits()
+
+
+NO_CHOICE: Final = Families()
+"""The identity of the device decides."""
 
 
 def _by_product(match: Match) -> bool:
     return bool(match.product_codes or match.product_code_range)
 
 
-def units_of(family: Overlay | None, vendor_id: int, product_code: int, name: str) -> FamilyUnits:
-    """Known facts about the units of a device with this identity and family.
+@cache
+def entries_of(families: tuple[Overlay, ...]) -> Mapping[tuple[int, int], Entry]:
+    """The manufacturer's objects of these families by address."""
+    entries = [entry for family in families for spec in family.specs for entry in spec.entries]
+    return {entry.address: entry for entry in reversed(entries)}
 
-    For a device without family, its own objects count, unless its maker has families with units of their own.
-    """
-    if family is not None:
-        return family.family_units
-    if any(item.match.vendor_id == vendor_id for item in overlays().values()):
-        device = f"vendor-ID {vendor_id:X}h, product code {product_code:X}h, name {name!r}"
-        return FamilyUnits(
-            ask=(
-                f"no family of this manufacturer matches {device}, and the families have different units: set family or"
-            )
-        )
-    return FamilyUnits()
+
+def with_units(entries: Iterable[Entry], families: tuple[Overlay, ...]) -> tuple[Entry, ...]:
+    """Objects with the units these families give them."""
+    found = ((entry, [text for item in families if (text := item.unit_of(*entry.address))]) for entry in entries)
+    return tuple(replace(entry, unit=texts[0]) if texts else entry for entry, texts in found)
+
+
+@cache
+def modes_of(families: tuple[Overlay, ...]) -> Mapping[int, str]:
+    """The manufacturer's modes of these families; a number that means several things has all of them."""
+    texts: dict[int, list[str]] = {}
+    for family in families:
+        for number, text in family.modes.items():
+            texts.setdefault(number, []).append(text)
+    return {number: " or ".join(dict.fromkeys(found)) for number, found in texts.items()}

@@ -9,7 +9,7 @@ from typing import Any
 
 from pdgw.ds301.communication import IDENTITY
 from pdgw.ds301.objects import Entry
-from pdgw.dsp402.identification.overlay import all_families, entries_of, families_of, with_units
+from pdgw.dsp402.identification.overlay import NO_CHOICE, entries_of, with_units
 from pdgw.dsp402.objects import DRIVE_OBJECTS, STATUSWORD, known_objects
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.objects import MODULE_IDENTIFICATION, PROFILE
@@ -33,7 +33,7 @@ Progress = Callable[[int, int], None]
 def _known_names() -> Mapping[int, Set[str]]:
     """The names of every object of the profiles and of all families of drives."""
     found: dict[int, set[str]] = {}
-    items: tuple[Any, ...] = (*known_objects(), *entries_of(all_families()).values(), *PROFILE)
+    items: tuple[Any, ...] = (*known_objects(), *entries_of(NO_CHOICE.known).values(), *PROFILE)
     for item in items:
         found.setdefault(item.index, set()).add(item.name)
     return found
@@ -123,7 +123,7 @@ class Session:
         if not self._drive_objects:
             answers = self.client.request([ParameterAddress(IDENTITY, subindex, 1) for subindex in (1, 2)])
             vendor, product = (None if answer.failed else int(answer.values[0]) for answer in answers)
-            families = families_of(vendor, product or 0)
+            families = NO_CHOICE.possible(vendor, product or 0)
             profile = with_units(DRIVE_OBJECTS.entries, families)
             self._drive_objects = {entry.address: entry for entry in profile} | dict(entries_of(families))
         return self._drive_objects

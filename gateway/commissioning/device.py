@@ -37,7 +37,6 @@ from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValueKeeper, OwnValues
 from pdgw.dsp402.drive.value_writer import DriveValueWriter
 from pdgw.dsp402.identification.generic import dictionary_of
-from pdgw.dsp402.identification.overlay import overlay, overlay_for
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.encoder import EncoderClient
 from pdgw.gateway.base.errors import GatewayError
@@ -110,13 +109,12 @@ class ConfiguredDevice:
             sdo.dictionary = import_eds(eds_path(item.device), item.node_id).dictionary
         else:
             device = known.vendor_id, known.product_code
-            sdo.dictionary = dictionary_of(item.node_id, self._read, *device, item.family_name)
+            sdo.dictionary = dictionary_of(item.node_id, self._read, *device, item.families)
         sdo.check_identity(device_type, (known.vendor_id, known.product_code))
         if isinstance(item, AxisConfig):
             writer = self._writer = DriveValueWriter(sdo, self._own_values)
             name = sdo.dictionary.device_information.product_name or ""
-            family = item.family_name
-            writer.family = overlay(family) if family else overlay_for(known.vendor_id, known.product_code, name)
+            writer.family = item.families.of(known.vendor_id, known.product_code, name)
             self._own_values.load(stored_parameters(self._store).drive_object(item.do_id).own_values)
             self._own_values.identify((known.vendor_id, known.product_code, known.serial_number))
         if self.values:

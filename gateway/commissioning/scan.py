@@ -270,7 +270,7 @@ class Scan:
     def _describe_drive(self, node: Inquiry, found: FoundNode, sheet: Sheet | None, expected: Expected | None) -> None:
         settings = (expected.drive if expected is not None else None) or DriveSettings(node.node_id)
         try:
-            drive = probe(node, None if sheet is None else sheet.dictionary, settings.units, settings.family)
+            drive = probe(node, None if sheet is None else sheet.dictionary, settings.units, settings.families)
         except Dsp402Error as error:
             found.notes.append(str(error))
             return

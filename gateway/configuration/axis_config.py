@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from math import ceil
-from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from pdgw.base.durations import MS, US_PER_MS
 from pdgw.base.validation import misplaced
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import Dsp402Error
-from pdgw.dsp402.identification.overlay import add_family, overlay
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families, Overlay, overlay, own_family
 from pdgw.dsp402.pdo.layouts import PdoLayout
 from pdgw.dsp402.units.mechanics import UnitKeys, check_unit_keys, unit_object
 from pdgw.gateway.axis.settings import (
@@ -83,12 +83,12 @@ def as_list(value: object) -> object:
 
 
 def _family(family: str, info: ValidationInfo) -> str:
-    """A family by name, or the path of the file of an own one, which is added."""
+    """A family by name, or the whole path of the file of an own one."""
     try:
         if not family.endswith(".toml"):
             return overlay(family).name
         path = (info.context or Surroundings()).folder / family
-        add_family(path)
+        own_family(path)
         return str(path.resolve())
     except Dsp402Error as error:
         raise ValueError(str(error)) from error
@@ -139,6 +139,7 @@ class AxisConfig(DriveObjectSection):
     dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = _DSC.delay_cycles
     positioner: PositionerConfig | None = None
     block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()
+    _families: Families = PrivateAttr(NO_CHOICE)
 
     @property
     def units(self) -> UnitKeys:
@@ -154,10 +155,25 @@ class AxisConfig(DriveObjectSection):
             frozenset(self.ignored_unit_objects or ()),
         )
 
+    def model_post_init(self, context: Surroundings | None, /) -> None:
+        """Keep the family that is named."""
+        super().model_post_init(context)
+        if self.family is not None and self.family.endswith(".toml"):
+            own = own_family(self.family)
+            self._families = Families((own,), own)
+        elif self.family is not None:
+            self._families = Families(named=overlay(self.family))
+
     @property
-    def family_name(self) -> str:
-        """The name of the drive's family; "" if the identity of the drive selects it."""
-        return Path(self.family or "").stem
+    def families(self) -> Families:
+        """The families that the drive may be of."""
+        return self._families
+
+    def with_families(self, own: tuple[Overlay, ...]) -> AxisConfig:
+        """The same with these families of the user's own."""
+        copy = self.model_copy()
+        copy._families = replace(self._families, own=own)
+        return copy
 
     @model_validator(mode="after")
     def _units_are_units(self) -> AxisConfig:
@@ -292,5 +308,5 @@ class AxisConfig(DriveObjectSection):
             allow_unguarded=self.allow_unguarded,
             initial_mode=initial_mode(chosen, self.dsc_form),
             units=self.units,
-            family=self.family_name,
+            families=self.families,
         )

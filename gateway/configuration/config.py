@@ -18,6 +18,7 @@ from pdgw.base.validation import misplaced
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, CyclicFrames, check_load
 from pdgw.ds301.node.plan import PdoPlan
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families, Overlay
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, has_second_sensor, may_have_own_encoder
 from pdgw.gateway.base.errors import at_most
 from pdgw.gateway.base.store import default_store
@@ -62,6 +63,17 @@ def _among_own(axis: object, info: ValidationInfo) -> AxisConfig:
     return AxisConfig.model_validate(axis, context=replace(info.context or Surroundings(), telegrams=own))
 
 
+def _share_families(axes: tuple[AxisConfig, ...]) -> tuple[AxisConfig, ...]:
+    """A drive may be of the family that another axis names: its identity decides."""
+    own: dict[str, Overlay] = {}
+    for place, axis in enumerate(axes):
+        for item in axis.families.own:
+            if own.setdefault(item.name, item) != item:
+                text = f"family = {axis.family!r}: set another file name: there is a family {item.name} already"
+                raise misplaced(text, place, "family")
+    return tuple(axis.with_families(tuple(own.values())) for axis in axes)
+
+
 class GatewayConfig(Section):
     """The whole file."""
 
@@ -74,7 +86,11 @@ class GatewayConfig(Section):
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
     parameters: ParametersConfig = ParametersConfig()
-    axis: Annotated[tuple[Annotated[AxisConfig, BeforeValidator(_among_own)], ...], BeforeValidator(as_list)] = ()
+    axis: Annotated[
+        tuple[Annotated[AxisConfig, BeforeValidator(_among_own)], ...],
+        BeforeValidator(as_list),
+        AfterValidator(_share_families),
+    ] = ()
     encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
     """The drive objects of the frame: all axes, then all encoders, each in their order."""
     trace: TraceConfig = TraceConfig()
@@ -107,6 +123,11 @@ class GatewayConfig(Section):
     def telegrams(self) -> dict[int, Telegram]:
         """Every telegram by its number: those of this package, and the user's own."""
         return TELEGRAMS | by_number(item.own for item in self.telegram)
+
+    @property
+    def families(self) -> Families:
+        """Every family of drives, the user's own among them."""
+        return Families(self.axis[0].families.own) if self.axis else NO_CHOICE
 
     @property
     def objects(self) -> tuple[AxisConfig | EncoderConfig, ...]:

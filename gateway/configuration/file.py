@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
@@ -14,7 +13,6 @@ from typing import Final, TypeVar
 from pydantic import ValidationError
 
 from pdgw.base.validation import Problem, problems
-from pdgw.dsp402.identification.overlay import all_families, remove_family
 from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
@@ -153,12 +151,7 @@ _COMMUNITY = re.compile(r"^snmp_\w*community\s*=.*\n", re.MULTILINE)
 
 def load_config(file: str | PathLike[str]) -> GatewayConfig:
     """Read and validate a file; GatewayError has one line for each thing that is wrong."""
-    with _nothing_stays_of_a_rejected_file():
-        return _loaded(Path(file))
-
-
-def _loaded(path: Path) -> GatewayConfig:
-    """The file of a path, whose data sheets exist."""
+    path = Path(file)
     text = read_text(path)
     config = parse_config(text, str(path), path.parent)
     axes = tuple(_resolved(axis, path) for axis in config.axis)
@@ -194,20 +187,7 @@ def _files_resolved(section: FileSection, path: Path) -> FileSection:
 
 def parse_config(text: str, name: str = "configuration", folder: Path = Path()) -> GatewayConfig:
     """Validate configuration text; see ``load_config``. Drive families with a relative path are in ``folder``."""
-    with _nothing_stays_of_a_rejected_file():
-        return parse_toml(GatewayConfig, text, name, HINTS, Surroundings(folder))
-
-
-@contextmanager
-def _nothing_stays_of_a_rejected_file() -> Iterator[None]:
-    """A rejected configuration leaves no drive family of its own in the process: the corrected one may differ."""
-    families = {*all_families()}
-    try:
-        yield
-    except GatewayError:
-        for family in {*all_families()} - families:
-            remove_family(family)
-        raise
+    return parse_toml(GatewayConfig, text, name, HINTS, Surroundings(folder))
 
 
 def config_text(config: GatewayConfig) -> str:

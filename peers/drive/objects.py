@@ -137,7 +137,7 @@ _MANUFACTURER_OBJECTS = tuple(replace(spec, name=_NAMES.get(spec.index, spec.nam
 
 
 def _with_units(spec: ObjectSpec) -> ObjectSpec:
-    return replace(spec, entries=with_units(map(_with_value, spec.entries), (FAMILY.name,)))
+    return replace(spec, entries=with_units(map(_with_value, spec.entries), (FAMILY,)))
 
 
 OBJECTS: Final = Catalogue(

@@ -20,6 +20,7 @@ from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import Dsp402Error, Quantity
+from pdgw.dsp402.identification.overlay import Families, overlay
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.units.mechanics import UnitKeys
@@ -200,7 +201,9 @@ def test_references_of_another_drive_are_not_used(plant: Plant) -> None:
     assert client.drive_type is before
 
 
-@pytest.mark.parametrize("more", [{"family": "engel"}, {"units": UnitKeys(velocity_unit="0.5 rpm")}])
+@pytest.mark.parametrize(
+    "more", [{"families": Families(named=overlay("engel"))}, {"units": UnitKeys(velocity_unit="0.5 rpm")}]
+)
 def test_configuration_defines_the_scaling_of_an_unknown_drive(plant: Plant, more: dict[str, object]) -> None:
     plant.power_on().node.values[0x1018, 1] = 0x1234
     client = plant.connected(**more)

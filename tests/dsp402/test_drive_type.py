@@ -17,7 +17,7 @@ from pdgw.dsp402.drive_type import Dsp402Error, Quantity, Turntable
 from pdgw.dsp402.identification import overlay as families
 from pdgw.dsp402.identification.describe import answers_of_defaults, describe, questions
 from pdgw.dsp402.identification.generic import dictionary_of, discovered_dictionary, generic_dictionary
-from pdgw.dsp402.identification.overlay import overlay, overlay_for, overlays, parse_overlay
+from pdgw.dsp402.identification.overlay import NO_CHOICE, overlay, overlays, own_family, parse_overlay
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, SUPPORTED_DRIVE_MODES, SUPPORTED_HOMING_METHODS
 from pdgw.gateway.base.errors import GatewayError
@@ -166,10 +166,10 @@ def test_every_overlay_of_the_package_can_be_read() -> None:
 
 
 def test_an_overlay_is_chosen_by_the_identity() -> None:
-    found = overlay_for(0x400, 0x77)
+    found = NO_CHOICE.of(0x400, 0x77)
     assert found is not None
     assert found.name == "engel"
-    assert overlay_for(0, 0) is None
+    assert NO_CHOICE.of(0, 0) is None
 
 
 @pytest.mark.parametrize(
@@ -285,38 +285,28 @@ CONFIG = '[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegr
 
 
 @pytest.fixture
-def no_family_stays(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    def forget() -> None:
-        for found in (families.overlays, families.all_families, families.families_of):
-            found.cache_clear()
-
-    monkeypatch.setattr(families, "_added", {})
-    forget()
-    yield
-    monkeypatch.undo()
-    forget()
-
-
-@pytest.fixture
-def own(tmp_path: Path, no_family_stays: None) -> Path:
+def own(tmp_path: Path) -> Iterator[Path]:
+    """The file of a family; one that a test adds to the process is removed again."""
     path = tmp_path / "mine.toml"
     path.write_text(OWN)
-    return path
+    yield path
+    if families._added.pop("mine", None) is not None:
+        overlays.cache_clear()
 
 
 def test_an_added_family_is_found_by_name_and_identity(own: Path) -> None:
-    assert families.overlay_for(0x7777, 1) is None
-    assert families.families_of(0x7777) == ()
+    assert NO_CHOICE.of(0x7777, 1) is None
+    assert NO_CHOICE.possible(0x7777) == ()
     added = pdgw.add_family(own)
-    assert families.overlay("mine") is added
-    assert families.overlay_for(0x7777, 1) is added
-    assert families.families_of(0x7777) == ("mine",)
+    assert overlay("mine") is added
+    assert NO_CHOICE.of(0x7777, 1) is added
+    assert NO_CHOICE.possible(0x7777) == (added,)
     assert pdgw.add_family(str(own)) == added
 
 
 def test_the_data_sheet_of_a_family_is_beside_its_file(own: Path) -> None:
     own.write_text('eds = "mine.eds"\n' + OWN)
-    assert pdgw.add_family(own).eds_path == own.with_name("mine.eds")
+    assert own_family(own).eds_path == own.with_name("mine.eds")
 
 
 def test_a_family_that_cannot_be_added_is_refused(own: Path) -> None:
@@ -332,23 +322,43 @@ def test_a_family_that_cannot_be_added_is_refused(own: Path) -> None:
         pdgw.add_family(wrong)
 
 
-def test_rejected_configuration_leaves_no_family_in_the_process(own: Path, tmp_path: Path) -> None:
+def test_a_family_belongs_to_the_configuration_that_names_its_file(own: Path, tmp_path: Path) -> None:
     path = tmp_path / "gateway.toml"
-    path.write_text(CONFIG + 'eds = "none.eds"\n')
-    with pytest.raises(GatewayError, match="not a file"):
-        load_config(path)
-    assert "mine" not in families.overlays()
-    own.write_text(OWN.replace("Mine", "Corrected"))
     path.write_text(CONFIG)
-    assert load_config(path) == load_config(path)
-    assert families.overlay("mine").title == "Corrected"
+    first = load_config(path)
+    assert first == load_config(path)
+    own.write_text(OWN.replace("Mine", "Corrected"))
+    second = load_config(path)
+    assert [config.families.own[0].title for config in (first, second)] == ["Mine", "Corrected"]
+    assert first != second
+    assert "mine" not in overlays()
+    with pytest.raises(GatewayError, match=r"drive family: 'mine' is not allowed, expected .*engel"):
+        parse_config(CONFIG.replace("./mine.toml", "mine"))
+
+
+def test_the_family_of_an_axis_is_known_to_the_others_by_identity(own: Path, tmp_path: Path) -> None:
+    path = tmp_path / "gateway.toml"
+    other = "[[axis]]\ndo_id = 2\nnode_id = 2\ntelegram = 1\n"
+    path.write_text(CONFIG + other)
+    named, other_axis = load_config(path).axis
+    for vendor_id in (0x7777, 0x400):
+        found = named.families.of(vendor_id, 1)
+        assert found is not None
+        assert found.title == "Mine"
+    assert other_axis.families.of(0x7777, 1) == named.families.of(0x7777, 1)
+    assert other_axis.families.of(0x400, 1) == overlay("engel")
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "mine.toml").write_text(OWN.replace("Mine", "Other"))
+    path.write_text(CONFIG + other + 'family = "b/mine.toml"\n')
+    with pytest.raises(GatewayError, match=r"gateway\.toml:12: .*there is a family mine already"):
+        load_config(path)
 
 
 def test_the_configuration_names_the_file_of_a_family(own: Path, tmp_path: Path) -> None:
     path = tmp_path / "gateway.toml"
     path.write_text(CONFIG)
     axis = load_config(path).axis[0]
-    assert axis.family_name == "mine"
+    assert axis.families.named == own_family(own)
     assert parse_config(config_text(load_config(path))).axis[0].family == str(own)
     path.write_text(CONFIG.replace("mine", "none"))
     with pytest.raises(GatewayError, match=r"gateway\.toml:7: \[\[axis\]\] number 1 family .*none\.toml.*No such file"):

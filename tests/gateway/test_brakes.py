@@ -112,7 +112,7 @@ def _stop_commands(daemon: Daemon, plc: Plc) -> Sent:
 def test_a_drive_that_follows_neither_controlword_nor_nmt_is_stopped_by_its_guarding(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    monkeypatch.setattr("pdgw.dsp402.identification.overlay.Families.of", lambda *_: KNOWN_TO_STOP)
     guard = GUARDS[name]
     with running(configuration(axis(1, telegram_number=guard.telegram, more=guard.more))) as daemon:
         drive, plc = _turning(daemon, guard)

@@ -298,7 +298,7 @@ def test_a_drive_that_powers_up_in_fault_and_needs_two_edges_is_acknowledged_by_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     family = Overlay(name="test", title="test", sources=("this test",), quirks=QuirkKeys(fault_reset_edges=2))
-    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: family)
+    monkeypatch.setattr("pdgw.dsp402.identification.overlay.Families.of", lambda *_: family)
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "two-edges")
         online(daemon)

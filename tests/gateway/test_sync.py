@@ -128,7 +128,7 @@ def turning(daemon: Daemon) -> tuple[SimulatedDrive, Plc]:
 
 
 def test_a_drive_whose_family_is_known_to_stop_without_sync_needs_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    monkeypatch.setattr("pdgw.dsp402.identification.overlay.Families.of", lambda *_: KNOWN_TO_STOP)
     with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
         drive, plc = turning(daemon)
         (status,) = snapshot(daemon)["axes"]
@@ -153,7 +153,7 @@ def test_a_drive_whose_family_is_known_to_stop_without_sync_needs_nothing_else(m
 def test_the_loss_of_sync_guards_nothing_where_it_is_not_known_to(
     number: int, kind: Shape, family: Overlay | None, holds_period: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: family)
+    monkeypatch.setattr("pdgw.dsp402.identification.overlay.Families.of", lambda *_: family)
     with running(configuration(axis(1, telegram_number=number, more=SPEED_KEYS))) as daemon:
         drive = unguarded(daemon, kind)
         if not holds_period:
@@ -176,7 +176,7 @@ def test_the_loss_of_sync_guards_where_the_drive_holds_the_period_that_was_writt
 
 
 def test_sync_is_withheld_from_a_drive_that_reacts_to_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    monkeypatch.setattr("pdgw.dsp402.identification.overlay.Families.of", lambda *_: KNOWN_TO_STOP)
     with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
         drive, plc = turning(daemon)
         receive = drive.node.receive

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.writer import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, var
-from pdgw.dsp402.identification.overlay import overlay_for, overlays
+from pdgw.dsp402.identification.overlay import NO_CHOICE, overlays
 from pdgw.peers.drive.objects import EDS_PATH, drive_objects
 from pdgw.tools.cli import app
 
@@ -66,7 +66,7 @@ def test_a_family_can_be_shown(name: str) -> None:
     ],
 )
 def test_a_family_is_chosen_by_vendor_and_name(vendor_id: int, name: str, family: str | None) -> None:
-    found = overlay_for(vendor_id, 0x99, name)
+    found = NO_CHOICE.of(vendor_id, 0x99, name)
     assert (found.name if found else None) == family
 
 

@@ -151,7 +151,7 @@ _DSC = 'dsc = "speed"\nfollowing_window = 4096'
 def test_the_loss_of_sync_counts_where_the_configured_telegram_has_it_and_the_family_is_known_to_stop(
     site: Site, monkeypatch: pytest.MonkeyPatch, telegram: int, more: str, has_period: bool, expected: str
 ) -> None:
-    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    monkeypatch.setattr("pdgw.dsp402.identification.overlay.Families.of", lambda *_: KNOWN_TO_STOP)
     lacks = SYNCHRONOUS.lacks | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT}
     node = site.world.drive(BUS, 1, shape=replace(SYNCHRONOUS, lacks=lacks)).node
     if not has_period:

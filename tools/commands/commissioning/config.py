@@ -175,7 +175,7 @@ def _refuses(config: GatewayConfig, axis: AxisConfig) -> bool:
 
     if axis.eds is None:
         return False
-    drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family_name)
+    drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.families)
     if forbidden := _forbidden_value(config, axis, drive):
         typer.echo(f"DO {axis.do_id}: telegram {axis.telegram} is rejected: {forbidden}")
         return True
@@ -243,7 +243,7 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     try:
         dictionary = load_eds(axis.eds, axis.node_id) if axis.eds else None
         with opened(config.bus_of(axis)) as network, Inquiry(network, axis.node_id, axis.sdo_timeout_ms / 1000) as node:
-            drive = complete(network.loop, lambda: probe(node, dictionary, axis.units, axis.family_name))
+            drive = complete(network.loop, lambda: probe(node, dictionary, axis.units, axis.families))
     except CanopenError as error:
         typer.echo(f"DO {axis.do_id}: {error}")  # the text names what is wrong with the node, its bus or its data sheet
         return None

@@ -49,6 +49,7 @@ def configured_settings(config: GatewayConfig, telegrams: Sequence[int] = ()) ->
         cyclic_ports=Settings.cyclic_ports | cyclic,
         acyclic_ports=Settings.acyclic_ports | acyclic,
         telegrams=known,
+        families=config.families,
     )
 
 
@@ -146,8 +147,12 @@ def known_beforehand(
     if dictionary is not None:
         # Names do not depend on the node-ID, so one is enough. Report unusable files before the first packet.
         chosen = [*files, *([min(set(range(1, 128)) - set(files))] if default else [])]
-        dictionaries = [ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None]
-    names = Names(dictionaries, settings.telegrams.values())
+        dictionaries = [
+            ObjectNames(found, settings.families.known)
+            for node_id in chosen
+            if (found := dictionary(node_id)) is not None
+        ]
+    names = Names(dictionaries, settings.telegrams.values(), settings.families)
     return Knowledge(replace(settings, dictionary=dictionary, station=station), names, bitrate)
 
 

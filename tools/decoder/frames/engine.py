@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pdgw.ds301.bus.can_frame import STANDARD_ID
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families
 from pdgw.profidrive.frame import CYCLIC_PORT, ETHERTYPE
 from pdgw.profidrive.telegrams import TELEGRAMS, Telegram
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -68,6 +69,8 @@ class Settings:
     station: str = ""
     telegrams: Mapping[int, Telegram] = field(default_factory=lambda: TELEGRAMS)
     """Those known by number, the user's own among them."""
+    families: Families = NO_CHOICE
+    """Those of drives, the user's own among them."""
 
 
 @dataclass
@@ -81,7 +84,9 @@ class Decoder:
     def __post_init__(self) -> None:
         names = StationNames()
         settings = self.settings
-        self._cyclic = CyclicDecoder(settings.axes, self.notices.append, settings.station, settings.telegrams)
+        self._cyclic = CyclicDecoder(
+            settings.axes, self.notices.append, settings.station, settings.telegrams, settings.families
+        )
         self._acyclic = AcyclicDecoder(self._cyclic, names)
         self._frames = FrameDecoder(names, self._acyclic.relations.between)
         self._buses: dict[str, CanopenDecoder] = {}
@@ -137,7 +142,9 @@ class Decoder:
     def _bus(self, channel: str) -> CanopenDecoder:
         settings = self.settings
         axes = [axis for axis in settings.axes if axis.bus in {"", channel}]
-        bus = self._buses[channel] = CanopenDecoder(axes, settings.dictionary, settings.origin, settings.telegrams)
+        bus = self._buses[channel] = CanopenDecoder(
+            axes, settings.dictionary, settings.origin, settings.telegrams, settings.families
+        )
         return bus
 
     def _socketcan(self, number: int, time_ns: int, channel: str, data: bytes) -> Record:

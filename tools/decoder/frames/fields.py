@@ -14,7 +14,7 @@ from math import isfinite
 from typing import Any, Final, Generic, TypeVar
 
 from pdgw.ds301.objects import Entry
-from pdgw.dsp402.identification.overlay import all_families, modes_of, overlay
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families, Overlay, modes_of
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
 from pdgw.profidrive.datatypes import DataType
@@ -178,12 +178,12 @@ _Words = dict[str, tuple[tuple[Bit, ...], Callable[[int], str]]]
 
 
 @cache
-def _words(families: tuple[str, ...]) -> _Words:
+def _words(families: tuple[Overlay, ...]) -> _Words:
     """Objects whose values have a name, of a drive of one of these families: the same in a PDO, an SDO and telegram 100."""
     modes = modes_of(families)
     control = _declared(ControlBit)
     for family in families:
-        control |= overlay(family).control_bits
+        control |= family.control_bits
 
     def mode_word(value: int) -> str:
         low = value & 0xFF
@@ -198,10 +198,10 @@ def _words(families: tuple[str, ...]) -> _Words:
     }
 
 
-def signal_field(signal: Signal, mode: ApplicationMode) -> Field:
+def signal_field(signal: Signal, mode: ApplicationMode, families: Families) -> Field:
     """A telegram signal; the bits have the meaning of the telegram's application mode."""
     bits = tuple(signal.fields(positioning=mode is ApplicationMode.POSITIONING))
-    word_bits, explain = _words(all_families()).get(signal.name, ((), None))
+    word_bits, explain = _words(families.known).get(signal.name, ((), None))
     factor = scale(signal, None).factor
     is_word = bits or word_bits or signal.type is DataType.V2
     return Field(
@@ -216,13 +216,13 @@ def signal_field(signal: Signal, mode: ApplicationMode) -> Field:
     )
 
 
-def half_fields(half: TelegramHalf) -> tuple[Field, ...]:
+def half_fields(half: TelegramHalf, families: Families = NO_CHOICE) -> tuple[Field, ...]:
     """The signals of one telegram direction."""
-    return tuple(signal_field(signal, half.mode) for signal in half.signals)
+    return tuple(signal_field(signal, half.mode, families) for signal in half.signals)
 
 
-def entry_field(entry: Entry, families: tuple[str, ...]) -> Field:
-    """An object of a drive that is of one of these families (``dsp402.identification.overlay.families_of``)."""
+def entry_field(entry: Entry, families: tuple[Overlay, ...]) -> Field:
+    """An object of a drive that is of one of these families."""
     bits, explain = _words(families).get(entry.name, ((), None))
     return Field(
         entry.name,

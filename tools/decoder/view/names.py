@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from pdgw.base.durations import MS, SECOND
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram
 from pdgw.tools.decoder.frames.canopen.objects import ObjectNames, any_drive, encoder_catalogue
@@ -123,14 +124,17 @@ class Names:
     """All valid names: fields of packets, signals of the telegrams, objects of the given dictionaries."""
 
     def __init__(
-        self, dictionaries: Iterable[ObjectNames] = (), telegrams: Iterable[Telegram] = TELEGRAMS.values()
+        self,
+        dictionaries: Iterable[ObjectNames] = (),
+        telegrams: Iterable[Telegram] = TELEGRAMS.values(),
+        families: Families = NO_CHOICE,
     ) -> None:
         self._parts: dict[str, set[str]] = {}
         for telegram in telegrams:
             for direction in Direction:
-                for field in half_fields(telegram.half(direction)):
+                for field in half_fields(telegram.half(direction), families):
                     self._add(field)
-        for names in (any_drive(), encoder_catalogue(), *dictionaries):
+        for names in (any_drive(families), encoder_catalogue(), *dictionaries):
             for field in names.fields():
                 self._add(field)
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from pdgw.ds301.configuration import map_pdo
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID
+from pdgw.dsp402.identification.overlay import Families, parse_overlay
 from pdgw.dsp402.pdo.layouts import Operation
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, drive_layout
 from pdgw.peers.drive.objects import EDS_PATH, PRODUCT_CODE, VENDOR_ID
@@ -297,6 +298,15 @@ def test_objects_and_units_of_a_family_are_shown_only_for_its_drives(
         text = read(bus, index, 0, data).summary
         assert (unit in text) is own
         assert (name in text) is (own or index >= 0x6000)
+
+
+def test_a_family_of_the_user_is_known_to_a_decoder_that_is_given_it() -> None:
+    text = 'title = "Mine"\nsources = ["manual"]\n[match]\nvendor_id = 0x7777\n[modes]\n-5 = "winding"\n'
+    with_own, without = CanopenDecoder(families=Families((parse_overlay("mine", text),))), CanopenDecoder()
+    for bus in (with_own, without):
+        identify(bus, 0x7777, 1)
+    shown = [read(bus, 0x6061, 0, struct.pack("b", -5)).summary for bus in (with_own, without)]
+    assert ["winding" in text for text in shown] == [True, False]
 
 
 def test_bits_of_the_controlword_are_those_of_the_drive_s_family() -> None:

@@ -37,7 +37,7 @@ from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter, pdo_of
 from pdgw.ds301.sdo_frames import FRAME_SIZE
-from pdgw.dsp402.identification.overlay import entries_of, families_of
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families, Overlay, entries_of
 from pdgw.dsp402.pdo.layouts import with_objects
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, telegram
 from pdgw.tools.decoder.frames.canopen.can_records import (
@@ -99,8 +99,9 @@ _FAMILY_OBJECTS: Final = (IDENTITY_VENDOR, IDENTITY_PRODUCT, (DEVICE_NAME, 0))
 class _Node:
     """Known facts of one node."""
 
+    known: Families
+    names: ObjectNames
     axis: int = 0
-    names: ObjectNames = field(default_factory=any_drive)
     has_dictionary: bool = False
     sdo: SdoChannel = field(default_factory=SdoChannel)
     state: int | None = None
@@ -115,9 +116,9 @@ class _Node:
     name: str = ""
 
     @property
-    def families(self) -> tuple[str, ...]:
+    def families(self) -> tuple[Overlay, ...]:
         """The families of drives it may be of."""
-        return families_of(self.vendor_id, self.product_code, self.name)
+        return self.known.possible(self.vendor_id, self.product_code, self.name)
 
     def identify(self, index: int, subindex: int, value: int | float | bytes | str | None) -> None:
         """A value that identifies the family."""
@@ -139,8 +140,10 @@ class CanopenDecoder:
         dictionary: Dictionary | None = None,
         origin: str = "configuration",
         telegrams: Mapping[int, Telegram] = TELEGRAMS,
+        families: Families = NO_CHOICE,
     ) -> None:
         self._dictionary = dictionary
+        self._families = families
         self._telegrams = telegrams
         self._nodes: dict[int, _Node] = {}
         self._pdos: dict[int, PdoLayout] = {}
@@ -154,10 +157,10 @@ class CanopenDecoder:
         known = self._nodes.get(node_id)
         if known is not None:
             return known
-        node = self._nodes[node_id] = _Node()
+        node = self._nodes[node_id] = _Node(self._families, any_drive(self._families))
         entries = self._dictionary(node_id) if self._dictionary else None
         if entries is not None:
-            node.names, node.has_dictionary = ObjectNames(entries), True
+            node.names, node.has_dictionary = ObjectNames(entries, self._families.known), True
             for entry in entries:
                 if (entry.index, entry.subindex) in _FAMILY_OBJECTS:
                     node.identify(entry.index, entry.subindex, entry.default)

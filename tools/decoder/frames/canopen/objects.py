@@ -16,7 +16,7 @@ from pdgw.ds301.bus.can_frame import EXTENDED_ID
 from pdgw.ds301.communication import EMCY_COB_ID, SYNC_COB_ID, TIME_COB_ID, profile_of
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, is_communication_parameter, is_mapping_parameter
-from pdgw.dsp402.identification.overlay import all_families, entries_of, overlay, with_units
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families, Overlay, entries_of, with_units
 from pdgw.dsp402.objects import DRIVE_PROFILE, FURTHER_OBJECTS, known_objects
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.kinds import DEVICES, ENCODER_PROFILE
@@ -32,11 +32,11 @@ _COB_ID_OBJECTS: Final = (SYNC_COB_ID, TIME_COB_ID, EMCY_COB_ID)
 class ObjectNames:
     """The entries of one device by address, and the families it may be of."""
 
-    def __init__(self, entries: Iterable[Entry], families: tuple[str, ...] | None = None) -> None:
+    def __init__(self, entries: Iterable[Entry], families: tuple[Overlay, ...] | None = None) -> None:
         self._entries = {entry.address: entry for entry in entries}
-        self.families = all_families() if families is None else families
+        self.families = NO_CHOICE.known if families is None else families
 
-    def of(self, families: tuple[str, ...]) -> ObjectNames:
+    def of(self, families: tuple[Overlay, ...]) -> ObjectNames:
         """The same for a device with known identity; a device of no drive family stays unchanged."""
         return self if not self.families or families == self.families else ObjectNames(self._entries.values(), families)
 
@@ -100,13 +100,13 @@ def _is_cob_id(index: int, subindex: int) -> bool:
 class _Catalogue(ObjectNames):
     """The objects of the profile, and those of families of drives."""
 
-    def __init__(self, families: tuple[str, ...]) -> None:
+    def __init__(self, families: tuple[Overlay, ...]) -> None:
         profile = (entry for spec in (*FURTHER_OBJECTS, *known_objects()) for entry in spec.entries)
         super().__init__((*with_units(profile, families), *entries_of(families).values()), families)
-        faults = (fault for family in families for fault in overlay(family).drive_faults.values())
+        faults = (fault for family in families for fault in family.drive_faults.values())
         self._faults = {fault.error_code: fault.name for fault in faults}
 
-    def of(self, families: tuple[str, ...]) -> ObjectNames:
+    def of(self, families: tuple[Overlay, ...]) -> ObjectNames:
         return catalogue(families)
 
     def emcy_text(self, code: int) -> str:
@@ -114,14 +114,14 @@ class _Catalogue(ObjectNames):
 
 
 @lru_cache(maxsize=64)
-def catalogue(families: tuple[str, ...]) -> ObjectNames:
+def catalogue(families: tuple[Overlay, ...]) -> ObjectNames:
     """The objects of a drive that is of one of these families, for nodes no EDS was given for."""
     return _Catalogue(families)
 
 
-def any_drive() -> ObjectNames:
+def any_drive(families: Families = NO_CHOICE) -> ObjectNames:
     """The objects of a drive without known identity."""
-    return catalogue(all_families())
+    return catalogue(families.known)
 
 
 @cache
@@ -131,7 +131,7 @@ def encoder_catalogue() -> ObjectNames:
     return ObjectNames((entry for spec in reversed(specs) for entry in spec.entries), ())
 
 
-def profile_catalogue(device_type: int, families: tuple[str, ...]) -> ObjectNames | None:
+def profile_catalogue(device_type: int, families: tuple[Overlay, ...]) -> ObjectNames | None:
     """The objects of the profile a device type 1000h names; None for other profiles."""
     profile = profile_of(device_type)
     if profile == DRIVE_PROFILE:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
+from pdgw.dsp402.identification.overlay import NO_CHOICE, Families
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
@@ -66,9 +67,9 @@ class Axis:
 
 
 @cache
-def unit_layout(half: TelegramHalf) -> ProcessDataLayout:
+def unit_layout(half: TelegramHalf, families: Families) -> ProcessDataLayout:
     """The fields of one telegram direction."""
-    return ProcessDataLayout(half_fields(half), half.telegram, half.direction)
+    return ProcessDataLayout(half_fields(half, families), half.telegram, half.direction)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,9 @@ class Placement:
     iocs: int
 
 
-def placed_layout(placements: Sequence[Placement], direction: Direction, length: int) -> FrameLayout | None:
+def placed_layout(
+    placements: Sequence[Placement], direction: Direction, length: int, families: Families
+) -> FrameLayout | None:
     """The layout of a frame of ``length`` bytes; None when something overlaps or does not fit into it."""
     pieces: list[tuple[int, int, str]] = []
     for placement in placements:
@@ -103,7 +106,7 @@ def placed_layout(placements: Sequence[Placement], direction: Direction, length:
         return None
     axes = []
     for placement in placements:
-        axis, unit = placement.axis, unit_layout(placement.half)
+        axis, unit = placement.axis, unit_layout(placement.half, families)
         first, iops, iocs = positions[placement.data], positions[placement.iops], positions[placement.iocs]
         if first + len(unit.fields) != iops:
             return None
@@ -112,7 +115,7 @@ def placed_layout(placements: Sequence[Placement], direction: Direction, length:
 
 
 def frame_layout(
-    axes: Sequence[Axis], direction: Direction, length: int, telegrams: Mapping[int, Telegram]
+    axes: Sequence[Axis], direction: Direction, length: int, telegrams: Mapping[int, Telegram], families: Families
 ) -> FrameLayout | None:
     """The layout of a static relationship's frame with these axes; None when they do not fit into ``length`` bytes."""
     try:
@@ -120,7 +123,7 @@ def frame_layout(
     except ProfidriveError:  # more axes than a frame can have
         return None
     places = zip(axes, static.halves, static.offsets, static.iops, static.iocs, strict=True)
-    layout = placed_layout([Placement(*place) for place in places], direction, length)
+    layout = placed_layout([Placement(*place) for place in places], direction, length, families)
     # A shorter frame is of a version without ticks.
     return (
         layout
@@ -192,10 +195,11 @@ class CyclicDecoder:
         notify: Callable[[str], None],
         station: str = "",
         telegrams: Mapping[int, Telegram] = TELEGRAMS,
+        families: Families = NO_CHOICE,
     ) -> None:
         for axis in axes:
             telegram(axis.telegram, telegrams)
-        self._telegrams = telegrams
+        self._telegrams, self._families = telegrams, families
         self._given = tuple(axes)
         self._station = station
         self._notify = notify
@@ -339,7 +343,7 @@ class CyclicDecoder:
                 begin, iops = HEADER.size + data.offset, HEADER.size + data.iops
                 half = self._telegrams[axis.telegram].half(direction)
                 placements.append(Placement(axis, half, begin, iops, HEADER.size + plan.iocs[place]))
-        layout = placed_layout(placements, direction, length)
+        layout = placed_layout(placements, direction, length, self._families)
         return layout or _plain_layout(length, direction, "length differs from the length in its Connect")
 
     def observe(self, do_id: int, number: int) -> None:
@@ -406,7 +410,7 @@ class CyclicDecoder:
         else:
             self._infer(direction, data)
         axes = self.axes
-        fitting = frame_layout(axes, direction, len(data), self._telegrams) if axes else None
+        fitting = frame_layout(axes, direction, len(data), self._telegrams, self._families) if axes else None
         if fitting is not None:
             if direction in self._seen or self._candidates:
                 self._layouts[key] = fitting
