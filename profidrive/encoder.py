@@ -1,32 +1,31 @@
 """Encoder objects: the handshake of G1_STW and G1_ZSW, the position values, STW2_ENC and ZSW2_ENC. Sans-I/O.
 
 Source: PROFIdrive encoder profile 4.1 (3.162), PROFIdrive profile 4.1 chapter 6.3.6 (sensor interface);
-docs/devices.md, docs/telegrams.md. Reference mark search and measurement on the fly (G1_STW bits 0-7) are in
-``measuring``; CiA 406 encoders have neither and answer them with error 0F01h.
-
-| state | G1_ZSW | entered by | left by |
-| --- | --- | --- | --- |
-| NORMAL | .13 while an absolute value is shown | start, acknowledge, end of parking or of a preset | |
-| PRESETTING | as NORMAL | rising edge of G1_STW.12 | the owner's answer |
-| PRESET_DONE | .12 | the preset is done | G1_STW.12 = 0 |
-| PARKED | .14 | G1_STW.14 = 1, from every state | G1_STW.14 = 0 |
-| ERROR | .15, code in G1_XIST2 | an error | rising edge of G1_STW.15 |
-| ACKNOWLEDGING | .15 and .11 | the acknowledge | G1_STW.15 = 0 |
+docs/devices.md, docs/telegrams.md. The states are in ``sensor_states``. Reference mark search and measurement on the fly
+(G1_STW bits 0-7) are in ``measuring``; CiA 406 encoders have neither and answer them with error 0F01h.
 """
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from types import MappingProxyType
 
 from pdgw.base.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.measuring import Measuring, Refusal, Search
 from pdgw.profidrive.normalisation import Normalisation
+from pdgw.profidrive.sensor_states import (
+    IN_ERROR,
+    MEASURING,
+    REFUSAL_ERRORS,
+    SENSOR_STATUS,
+    TRANSITIONS,
+    SensorError,
+    SensorEvent,
+    SensorState,
+)
 from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
 
@@ -58,112 +57,6 @@ PRESET_EFFECT_NS = SECOND
 answered preset that does not appear has failed."""
 _NEAR_STEPS = 4
 """A preset appears in the position if it differs by this number of steps of the motion at most."""
-
-
-class SensorError(enum.IntEnum):
-    """Error codes in G1_XIST2."""
-
-    SENSOR_GROUP = 0x0001
-    REFERENCE_ABORTED = 0x0004
-    NO_REFERENCE_VALUE = 0x0005
-    MEASUREMENT_ABORTED = 0x0006
-    NO_MEASURED_VALUE = 0x0007
-    MEMORY = 0x1001
-    COMMAND_NOT_SUPPORTED = 0x0F01
-    CONTROLLER_SIGN_OF_LIFE = 0x0F02
-    SYNCHRONISATION = 0x0F04
-
-
-SENSOR_ERROR_TEXTS: MappingProxyType[int, str] = MappingProxyType(
-    {
-        SensorError.SENSOR_GROUP: "the position is wrong or missing",
-        SensorError.REFERENCE_ABORTED: "the device does not carry out the reference mark search",
-        SensorError.NO_REFERENCE_VALUE: "there is no value of a reference mark to read",
-        SensorError.MEASUREMENT_ABORTED: "the device does not carry out the measurement on the fly",
-        SensorError.NO_MEASURED_VALUE: "there is no measured value to read",
-        SensorError.MEMORY: "offset or preset could not be stored or read",
-        SensorError.COMMAND_NOT_SUPPORTED: "G1_STW has a command that the sensor does not have, or a preset out of range",
-        SensorError.CONTROLLER_SIGN_OF_LIFE: "the PLC's sign of life failed more often than P925 tolerates",
-        SensorError.SYNCHRONISATION: "the device is not synchronous with the cycle of the PLC",
-    }
-)
-"""Meaning of each error code."""
-
-
-class SensorState(enum.Enum):
-    """States of the sensor interface."""
-
-    NORMAL = "normal"
-    PRESETTING = "presetting"
-    PRESET_DONE = "preset done"
-    PARKED = "parked"
-    ERROR = "error"
-    ACKNOWLEDGING = "acknowledging"
-
-
-class SensorEvent(enum.Enum):
-    """Events of a cycle; several are processed in this order."""
-
-    DONE = "preset done"
-    FAILED = "preset failed"
-    PARK = "G1_STW.14 = 1"
-    UNPARK = "G1_STW.14 = 0"
-    ACKNOWLEDGE = "rising edge of G1_STW.15"
-    ACKNOWLEDGE_END = "G1_STW.15 = 0"
-    FAULT = "an error is present"
-    PRESET = "rising edge of G1_STW.12"
-    PRESET_END = "G1_STW.12 = 0"
-
-
-_REFUSALS: MappingProxyType[tuple[Refusal, bool], SensorError] = MappingProxyType(
-    {
-        (Refusal.NOT_SUPPORTED, False): SensorError.COMMAND_NOT_SUPPORTED,
-        (Refusal.NOT_SUPPORTED, True): SensorError.COMMAND_NOT_SUPPORTED,
-        (Refusal.NO_VALUE, False): SensorError.NO_REFERENCE_VALUE,
-        (Refusal.NO_VALUE, True): SensorError.NO_MEASURED_VALUE,
-        (Refusal.REFUSED, False): SensorError.REFERENCE_ABORTED,
-        (Refusal.REFUSED, True): SensorError.MEASUREMENT_ABORTED,
-    }
-)
-"""Error by cause, and whether it is a measurement on the fly."""
-_S, _E = SensorState, SensorEvent
-TRANSITIONS: MappingProxyType[tuple[SensorState, SensorEvent], SensorState] = MappingProxyType(
-    {
-        (_S.NORMAL, _E.PARK): _S.PARKED,
-        (_S.NORMAL, _E.FAULT): _S.ERROR,
-        (_S.NORMAL, _E.PRESET): _S.PRESETTING,
-        (_S.PRESETTING, _E.DONE): _S.PRESET_DONE,
-        (_S.PRESETTING, _E.FAILED): _S.ERROR,
-        (_S.PRESETTING, _E.PARK): _S.PARKED,
-        (_S.PRESETTING, _E.FAULT): _S.ERROR,
-        (_S.PRESET_DONE, _E.PARK): _S.PARKED,
-        (_S.PRESET_DONE, _E.FAULT): _S.ERROR,
-        (_S.PRESET_DONE, _E.PRESET_END): _S.NORMAL,
-        (_S.PARKED, _E.UNPARK): _S.NORMAL,
-        (_S.ERROR, _E.PARK): _S.PARKED,
-        (_S.ERROR, _E.ACKNOWLEDGE): _S.ACKNOWLEDGING,
-        (_S.ACKNOWLEDGING, _E.PARK): _S.PARKED,
-        (_S.ACKNOWLEDGING, _E.ACKNOWLEDGE_END): _S.NORMAL,
-    }
-)
-"""Every transition; an event a state does not name changes nothing."""
-
-SENSOR_STATUS: MappingProxyType[SensorState, int] = MappingProxyType(
-    {
-        state: sum(_G1_ZSW.bit(name).mask for name in names)
-        for state, names in {
-            _S.NORMAL: (),
-            _S.PRESETTING: (),
-            _S.PRESET_DONE: ("PRESET_DONE",),
-            _S.PARKED: ("PARKED",),
-            _S.ERROR: ("ERROR",),
-            _S.ACKNOWLEDGING: ("ERROR", "ERROR_ACKNOWLEDGED"),
-        }.items()
-    }
-)
-"""G1_ZSW of each state, without the absolute value's bit."""
-_MEASURING = frozenset((_S.NORMAL, _S.PRESETTING, _S.PRESET_DONE))
-_IN_ERROR = frozenset((_S.ERROR, _S.ACKNOWLEDGING))
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,22 +177,22 @@ class SensorInterface:
             measured = measuring.step(word)
             refusal = measuring.refusal or self._refused
             if error is None and refusal is not None:
-                error = _REFUSALS[refusal, measuring.on_the_fly]
+                error = REFUSAL_ERRORS[refusal, measuring.on_the_fly]
         self._refused = None
         self._process_events(word, edges, error, position if valid else None, now)
         if valid:
             self._follow(position, now)
         state = self.state
         status = SENSOR_STATUS[state]
-        if measuring is not None and state not in _MEASURING:
+        if measuring is not None and state not in MEASURING:
             measuring.cancel()
             measured = 0
         status |= measured
-        if state in _IN_ERROR:
+        if state in IN_ERROR:
             return status, self._count & 0xFFFF_FFFF, int(self.error or 0)
         if measuring is not None and measuring.value is not None:
             return status, self._count & 0xFFFF_FFFF, measuring.value & 0xFFFF_FFFF
-        if state in _MEASURING and word & _ABSOLUTE and valid:
+        if state in MEASURING and word & _ABSOLUTE and valid:
             return status | _ABSOLUTE_VALID, self._count & 0xFFFF_FFFF, position & 0xFFFF_FFFF
         return status, self._count & 0xFFFF_FFFF, 0
 

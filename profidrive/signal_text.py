@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS
+from pdgw.profidrive.sensor_states import SENSOR_ERROR_TEXTS
 from pdgw.profidrive.signals import Signal, SignalQuantity, signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 

@@ -29,15 +29,10 @@ from pdgw.gateway.axis.values import (
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, INTERNAL_FAULT, FaultNumber, warning_bits
 from pdgw.gateway.base.reasons import Reason
-from pdgw.profidrive.encoder import (
-    EncoderControl,
-    PresetRequest,
-    SensorError,
-    SensorState,
-    speed_normalisation,
-)
+from pdgw.profidrive.encoder import EncoderControl, PresetRequest, speed_normalisation
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.normalisation import Normalisation
+from pdgw.profidrive.sensor_states import SensorError, SensorState
 from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram

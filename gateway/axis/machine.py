@@ -63,8 +63,8 @@ from pdgw.gateway.axis.values import (
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, SET_NAMED, FaultNumber, warning_bits
 from pdgw.gateway.base.reasons import Reason
-from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sensor_states import SensorError
 from pdgw.profidrive.telegrams import Telegram
 
 _FOLLOWS: Final = ~(Flag.WITHIN_TOLERANCE | Flag.REACHED)

@@ -26,7 +26,7 @@ from pdgw.gateway.objects.enable_status import EnableStatus
 from pdgw.gateway.objects.inquiry import UNFOLLOWED
 from pdgw.gateway.objects.lag import lag_of, reductions, setpoints, speed_setpoint_rpm
 from pdgw.gateway.objects.origins import of_fault
-from pdgw.profidrive.encoder import SensorState
+from pdgw.profidrive.sensor_states import SensorState
 from pdgw.profidrive.signal_text import value_text
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.words import unswapped

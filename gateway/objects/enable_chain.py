@@ -22,13 +22,8 @@ from pdgw.gateway.objects.enable_status import ChainLink, EnableStatus
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.inquiry import SENDS_NOTHING
 from pdgw.gateway.objects.origins import of_fault
-from pdgw.profidrive.encoder import (
-    ENCODER_ACKNOWLEDGE,
-    SENSOR_ACKNOWLEDGE,
-    SENSOR_ERROR_TEXTS,
-    SensorError,
-    SensorState,
-)
+from pdgw.profidrive.encoder import ENCODER_ACKNOWLEDGE, SENSOR_ACKNOWLEDGE
+from pdgw.profidrive.sensor_states import SENSOR_ERROR_TEXTS, SensorError, SensorState
 
 _WRONG_NODE_ID: Final = (
     "compare the node-ID of the device with the configuration (pdgw bus scan); check power, CAN cable and bit rate"

@@ -16,18 +16,14 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
     PARKED_NS,
     PRESET_EFFECT_NS,
-    SENSOR_STATUS,
-    TRANSITIONS,
     EncoderControl,
     PresetRequest,
-    SensorError,
-    SensorEvent,
     SensorInterface,
-    SensorState,
     rotary_speed_reference,
     speed_normalisation,
 )
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sensor_states import SENSOR_STATUS, TRANSITIONS, SensorError, SensorEvent, SensorState
 from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 from tests.support.documents.profile_oracle import SENSOR_SHOWN, sensor_state
 

@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.encoder import PARKED_NS, SensorError, SensorInterface
+from pdgw.profidrive.encoder import PARKED_NS, SensorInterface
 from pdgw.profidrive.parameters.catalogue import ParameterSpec, Scope
 from pdgw.profidrive.parameters.error_numbers import ParameterErrorNumber, ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
+from pdgw.profidrive.sensor_states import SensorError
 from tests.gateway.axis.test_velocity import Bench
 from tests.support.documents import profile_oracle as oracle
 

@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.profidrive.encoder import PARKED_NS, SensorError, SensorInterface, SensorState
+from pdgw.profidrive.encoder import PARKED_NS, SensorInterface
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.measuring import Measuring
 from pdgw.profidrive.sensor_format import SensorFormat, encode_sensor_format
+from pdgw.profidrive.sensor_states import SensorError, SensorState
 from pdgw.profidrive.signals import signal
 from tests.support.documents.profile_numbers import decode_sensor_format
 

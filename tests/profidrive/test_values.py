@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.profidrive.datatypes import DataType, n2, n4
-from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SensorError
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sensor_states import SENSOR_ERROR_TEXTS, SensorError
 from pdgw.profidrive.signal_text import Rated, scale, texts
 from pdgw.profidrive.signals import Signal, SignalQuantity
 from pdgw.profidrive.telegrams import TELEGRAMS, TelegramHalf, telegram

@@ -21,16 +21,9 @@ from pdgw.gateway.axis.demand_report import Demand
 from pdgw.gateway.axis.supervision.encoder_speed import EncoderSpeedCheck
 from pdgw.gateway.axis.values import EncoderInput, Inputs, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.encoder import (
-    PRESET_EFFECT_NS,
-    SENSOR_STATUS,
-    PresetRequest,
-    SensorError,
-    SensorInterface,
-    SensorState,
-    rotary_speed_reference,
-)
+from pdgw.profidrive.encoder import PRESET_EFFECT_NS, PresetRequest, SensorInterface, rotary_speed_reference
 from pdgw.profidrive.measuring import FUNCTIONS, Measuring, Search
+from pdgw.profidrive.sensor_states import SENSOR_STATUS, SensorError, SensorState
 
 SPEED_LIMITS = DataType.INTEGER16.integer_range
 """6030h stops here; at a limit it says only that the speed is not below."""

@@ -18,7 +18,8 @@ from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, FaultNumber, warning_bits
 from pdgw.gateway.base.reasons import Reason
-from pdgw.profidrive.encoder import PARKED_NS, SensorError
+from pdgw.profidrive.encoder import PARKED_NS
+from pdgw.profidrive.sensor_states import SensorError
 from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.stepper import EncoderStepper
 from tests.support.axis.strategies import half_values

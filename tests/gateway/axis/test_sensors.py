@@ -20,7 +20,7 @@ from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.peers.drive.model.ramps import SECOND_ENCODER_STEPS
 from pdgw.peers.encoder.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, constant_speed
-from pdgw.profidrive.encoder import SensorError
+from pdgw.profidrive.sensor_states import SensorError
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from tests.support.axis.rig import Rig

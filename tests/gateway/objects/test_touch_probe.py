@@ -13,7 +13,7 @@ from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.model.modes import ProfilePosition
-from pdgw.profidrive.encoder import SensorError
+from pdgw.profidrive.sensor_states import SensorError
 from pdgw.profidrive.signals import signal
 from tests.support.gateways import site
 from tests.support.gateways.daemon import SIMULATED_POSITIONER, axis, configuration, drive_of, operating

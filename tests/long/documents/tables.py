@@ -36,9 +36,9 @@ from pdgw.peers.drive.model.shapes import SHAPES
 from pdgw.peers.drive.objects import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS, OBJECTS
 from pdgw.peers.encoder.outputs import AreaState
 from pdgw.profidrive.datatypes import UNVERIFIED, DataType
-from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS, SENSOR_STATUS, TRANSITIONS
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.error_numbers import ERROR_TEXTS
+from pdgw.profidrive.sensor_states import SENSOR_ERROR_TEXTS, SENSOR_STATUS, TRANSITIONS
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf
 from pdgw.profidrive.words import Bit, Confidence

@@ -8,7 +8,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.reasons import Reason
-from pdgw.profidrive.encoder import SensorError
+from pdgw.profidrive.sensor_states import SensorError
 from pdgw.profidrive.sign_of_life import MONITORING_OFF, following
 from pdgw.profidrive.signals import signal
 from tests.support.axis.hand import Hand
