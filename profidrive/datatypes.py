@@ -1,4 +1,4 @@
-"""PROFIdrive data types and the N2/N4 normalisation.
+"""PROFIdrive data types, the N2/N4 normalisation, and floating-point numbers as bit patterns.
 
 Source: PROFIdrive profile 4.1 (data types, chapter 5.3), IEC 61158-5 type codes; OPC 30144 annex B.2 prints the codes.
 Left out: conversion of dates and of times with a date, which no parameter of this gateway has: they are octets.
@@ -9,6 +9,7 @@ N2 and N4 are fractions of a reference: 4000h (N2) or 4000 0000h (N4) is 100 %. 
 from __future__ import annotations
 
 import enum
+import struct
 from fractions import Fraction
 
 from pdgw.profidrive.errors import ProfidriveError
@@ -111,3 +112,18 @@ def n4(reference: Fraction | int, value_range: tuple[int, int], minimum: int | N
     """An N4 conversion: signed 32 bit, 4000 0000h = 100 %, range -200 % .. 200 % - 2^-30."""
     low, high = DataType.N4.integer_range
     return Normalisation(reference, N4_100_PERCENT, (low if minimum is None else minimum, high), value_range)
+
+
+_PATTERN, _FLOAT = struct.Struct(">I"), struct.Struct(">f")
+
+
+def float_of(pattern: int) -> float:
+    """The number a 32-bit pattern of IEEE 754 means."""
+    value: float = _FLOAT.unpack(_PATTERN.pack(pattern))[0]
+    return value
+
+
+def float_pattern(value: float) -> int:
+    """The pattern of a number, to the nearest; OverflowError for one beyond 32 bits."""
+    pattern: int = _PATTERN.unpack(_FLOAT.pack(value))[0]
+    return pattern

@@ -9,12 +9,11 @@ strategies, scapy layers and documentation use this table for names, types and b
 from __future__ import annotations
 
 import enum
-import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType, float_of
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.words import (
     BLOCK_ACTIVE,
@@ -140,21 +139,6 @@ class Signal:
                 f"{self.name} in percent", percent, f"{low * 100 / full_scale:g} to below {-low * 100 / full_scale:g}"
             )
         return round(value)
-
-
-_PATTERN, _FLOAT = struct.Struct(">I"), struct.Struct(">f")
-
-
-def float_of(pattern: int) -> float:
-    """The number a 32-bit pattern of IEEE 754 means."""
-    value: float = _FLOAT.unpack(_PATTERN.pack(pattern))[0]
-    return value
-
-
-def float_pattern(value: float) -> int:
-    """The pattern of a number, to the nearest; OverflowError for one beyond 32 bits."""
-    pattern: int = _PATTERN.unpack(_FLOAT.pack(value))[0]
-    return pattern
 
 
 _FULL_SCALE = {DataType.N2: N2_100_PERCENT, DataType.N4: N4_100_PERCENT}

@@ -20,8 +20,8 @@ from pdgw.base.durations import MS, SECOND
 from pdgw.base.phrases import did_you_mean
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.client.address import parse_integer
-from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
-from pdgw.profidrive.signals import Signal, float_of, float_pattern
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType, float_of, float_pattern
+from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Direction, TelegramHalf, telegram
 from pdgw.profidrive.words import Bit
 

@@ -24,8 +24,8 @@ from pdgw.gateway.motion.requests import (
     PositionerRequest,
 )
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
-from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType
-from pdgw.profidrive.signals import POSITIONER_FORMS, float_of, float_pattern, signal
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_PER_N2, DataType, float_of, float_pattern
+from pdgw.profidrive.signals import POSITIONER_FORMS, signal
 from pdgw.profidrive.telegrams import Telegram
 
 _ZSW1 = signal("ZSW1")

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.profidrive.datatypes import float_pattern
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
-from pdgw.profidrive.signals import float_pattern
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.tools.decoder.frames.recognise import parse_hex, recognise, swapped_words
 from pdgw.tools.decoder.frames.records import CyclicRecord, OtherRecord

@@ -11,7 +11,8 @@ import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.base.reasons import Enable
-from pdgw.profidrive.signals import float_pattern, signal
+from pdgw.profidrive.datatypes import float_pattern
+from pdgw.profidrive.signals import signal
 from tests.gateway.axis.test_positioner import REFERENCES
 from tests.support.axis.hand import OFF, ON
 from tests.support.axis.positioner import CHOICES

@@ -13,7 +13,8 @@ from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.motion.blocks import Block, BlockTask
-from pdgw.profidrive.signals import float_of, float_pattern, signal
+from pdgw.profidrive.datatypes import float_of, float_pattern
+from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from tests.gateway.axis.test_positioner_handshake import shows
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand

@@ -24,9 +24,8 @@ from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.encoder.motion import constant_speed, sine, still
 from pdgw.peers.plc.exchange.following import PositionLoop
 from pdgw.peers.world import WorldChannel
-from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType, float_of, float_pattern
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
-from pdgw.profidrive.signals import float_of, float_pattern
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from tests.long.soak.plan import TRANSPARENT, habits_ms

@@ -27,7 +27,8 @@ from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.peers.drive import shape
 from pdgw.peers.drive.model.ramps import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.world import Gateway
-from pdgw.profidrive.signals import float_pattern, signal
+from pdgw.profidrive.datatypes import float_pattern
+from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from tests.support.documents.parts import DOCS, numbers, table
 

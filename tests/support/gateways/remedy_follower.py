@@ -14,7 +14,7 @@ from pdgw.gateway.base.steps import Acknowledge, Bits, Edge, Give, Hindrance, Re
 from pdgw.gateway.motion.states import State as Function
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.enable_status import ChainLink
-from pdgw.profidrive.signals import float_pattern
+from pdgw.profidrive.datatypes import float_pattern
 from tests.support.gateways.daemon import OFF, POSITIONER, Plc, drive_of, encoder_of
 
 _FRAMES: Final = 10

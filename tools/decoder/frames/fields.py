@@ -17,9 +17,9 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp402.identification.overlay import NO_CHOICE, Families, Overlay, modes_of
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
-from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.datatypes import DataType, float_of
 from pdgw.profidrive.signal_text import scale, value_text
-from pdgw.profidrive.signals import Signal, float_of
+from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profidrive.words import Bit, unswapped
 
