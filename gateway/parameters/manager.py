@@ -10,16 +10,9 @@ from concurrent.futures import Future
 
 from pdgw.base.durations import MS
 from pdgw.ds301.loop.loop import Event, Loop
+from pdgw.gateway.parameters.bound_object import BoundObject, RequestedObject
 from pdgw.gateway.parameters.objects import RequestContext
-from pdgw.gateway.parameters.profile import (
-    MAX_BLOCK,
-    AxisObject,
-    BoundObject,
-    DeviceObject,
-    EncoderChannelObject,
-    NodeObject,
-    RequestedObject,
-)
+from pdgw.gateway.parameters.profile import MAX_BLOCK, AxisObject, DeviceObject, EncoderChannelObject, NodeObject
 from pdgw.gateway.service.running import RunningGateway
 from pdgw.profidrive.parameters.codec import is_negative
 from pdgw.profidrive.parameters.model import answer

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from pdgw.ds301.aborts import CanopenError
@@ -35,6 +35,7 @@ from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import fault_rows
+from pdgw.gateway.parameters.bound_object import BoundObject
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext
 from pdgw.gateway.parameters.signal_list import signal_list
 from pdgw.gateway.service.running import RunningGateway
@@ -44,7 +45,6 @@ from pdgw.profidrive.parameters.catalogue import (
     AXIS_CLASS,
     ENCODER_CLASS,
     ENCODER_IDENTIFICATION,
-    LIST_PNUS,
     NAME_SIZE,
     OBJECT_PNUS,
     PARAMETERS,
@@ -88,8 +88,6 @@ _STATUS_OBJECTS = (
 _STEPS_PER_SECOND = 0
 """Element 11 of P65001: the unit of 6030h."""
 _I32_MAX = (1 << 31) - 1
-_LIST_SIZE = 99
-"""Parameters of a list; more only where ten lists do not suffice."""
 _FURTHER_WARNINGS = 1 << 13
 """P953: any of the warnings whose own bit is above the sixteenth."""
 _WARNING_NAMES = {fault.warning_mask: fault.title for fault in FaultNumber if fault.is_warning} | {
@@ -103,85 +101,6 @@ _WARNING_TEXTS = bit_texts(_WARNING_NAMES.get(1 << bit, "reserved") for bit in r
 def _warning_word(warnings: int) -> int:
     """P953 of the warnings of a step."""
     return warnings & 0xFFFF | (_FURTHER_WARNINGS if warnings > 0xFFFF else 0)
-
-
-Getter = Callable[[], int | float | bytes | Sequence[int]]
-Setter = Callable[[int], None]
-
-
-class BoundObject:
-    """A drive object made of bound profile parameters, and CANopen objects where ``objects`` finds them."""
-
-    def __init__(self, do_id: int) -> None:
-        self.do_id = do_id
-        self._parameters: dict[int, Callable[[RequestContext], Parameter]] = {}
-
-    def bind(
-        self,
-        pnu: int,
-        get: Getter,
-        set: Setter | None = None,
-        *,
-        texts: Callable[[], Sequence[str]] | None = None,
-        data_type: DataType | None = None,
-    ) -> None:
-        """Functions of a declared parameter; ``data_type`` if it differs from the declaration."""
-        parameter = BoundParameter(PARAMETERS[pnu], get, set, data_type, texts)
-        self._parameters[pnu] = lambda _: parameter
-
-    def bind_action(self, pnu: int, action: Callable[[RequestContext], None]) -> None:
-        """P970 and similar: writing 1 does ``action``, 0 nothing; 0 is read when it is done."""
-        self._parameters[pnu] = lambda context: BoundParameter(
-            PARAMETERS[pnu], lambda: 0, lambda value: action(context) if value else None
-        )
-
-    def adopt(self, other: BoundObject) -> None:
-        """Answer for the parameters of another object that this one does not have."""
-        self._parameters = {**other._parameters, **self._parameters}
-
-    def parameter(self, pnu: int, context: RequestContext) -> Parameter:
-        """The parameter for one request; ParameterRefused (impermissible PNU) if it is unknown."""
-        if pnu in LIST_PNUS:
-            self.bind_lists()  # the objects of a node may have been read meanwhile
-        try:
-            return self._parameters[pnu](context)
-        except KeyError:
-            raise ParameterRefused(Number.IMPERMISSIBLE_PNU) from None
-
-    def check_writable(self, pnu: int) -> None:
-        """Everything may be written."""
-
-    def further_pnus(self) -> Iterable[int]:
-        """Parameters beside the bound ones."""
-        return ()
-
-    def bind_lists(self) -> None:
-        """P980 ff: all parameters that exist but the lists, chained; call it when everything else is bound."""
-        self._parameters = {pnu: item for pnu, item in self._parameters.items() if pnu not in LIST_PNUS}
-        pnus = sorted({*self._parameters, *self.further_pnus()})
-        size = max(_LIST_SIZE, -(-len(pnus) // len(LIST_PNUS)))
-        parts = [pnus[start : start + size] for start in range(0, len(pnus), size)]
-        for pnu, part in zip(LIST_PNUS, parts, strict=False):
-            follower = pnu + 1 if part is not parts[-1] else 0
-            self.bind(pnu, _constant((*part, follower)))
-
-
-@dataclass(frozen=True, slots=True)
-class RequestedObject:
-    """A drive object as one request sees it."""
-
-    drive_object: BoundObject
-    context: RequestContext
-
-    def parameter(self, pnu: int) -> Parameter:
-        return self.drive_object.parameter(pnu, self.context)
-
-    def check_writable(self, pnu: int) -> None:
-        self.drive_object.check_writable(pnu)
-
-
-def _constant(value: Sequence[int]) -> Getter:
-    return lambda: value
 
 
 def _unit(daemon: RunningGateway) -> tuple[int, ...]:

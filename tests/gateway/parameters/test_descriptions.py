@@ -8,8 +8,8 @@ from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS
 from pdgw.gateway.client.session import Session
 from pdgw.gateway.client.udp import ParameterClient
 from pdgw.gateway.daemon.daemon import Daemon
+from pdgw.gateway.parameters.bound_object import BoundObject
 from pdgw.gateway.parameters.objects import RequestContext
-from pdgw.gateway.parameters.profile import BoundObject
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS
 from tests.support.gateways.daemon import axis, configuration, serving, until
