@@ -201,7 +201,7 @@ class Keyboard:
         return next((name for name in CHANGED_BY_KEYS if name in names), None)
 
     def _engine(self, axis: int, action: StepKeys) -> Engine:
-        return Engine(scenario_of(self._numbers, [{"axis": axis, **action}]), self.endpoint)
+        return Engine(scenario_of(self.endpoint.telegrams, [{"axis": axis, **action}]), self.endpoint)
 
     def _possible(self, axis: int, action: StepKeys) -> bool:
         try:
@@ -270,7 +270,7 @@ class Keyboard:
                 self.report(text)
 
     def _value(self, axis: int, name: str) -> int:
-        word = words_of(self._numbers[axis - 1])[name]
+        word = words_of(self.endpoint.telegrams[axis - 1].setpoints)[name]
         return word.of(self.endpoint.setpoints[axis - 1])
 
     def _list(self) -> None:
@@ -281,7 +281,8 @@ class Keyboard:
                 for name in ACTIONS
                 if name not in _OF_SCENARIOS and any(self._possible(axis, example) for example in examples(name))
             ]
-            self.report(f"telegram {number}: {', '.join(dict.fromkeys([*actions, *words_of(number)]))}")
+            words = words_of(self.endpoint.telegrams[axis - 1].setpoints)
+            self.report(f"telegram {number}: {', '.join(dict.fromkeys([*actions, *words]))}")
 
     def _select(self, key: str) -> None:
         if key == ALL:

@@ -22,7 +22,7 @@ from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.client.address import parse_integer
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType, float_of, float_pattern
 from pdgw.profidrive.signals import Signal
-from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Direction, TelegramHalf, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Direction, TelegramHalf
 from pdgw.profidrive.words import Bit
 
 Scalar = int | float | str
@@ -157,9 +157,8 @@ class Word:
 
 
 @cache
-def words_of(number: int) -> Mapping[str, Word]:
-    """The words of a telegram by name, in the order of its frame."""
-    half = telegram(number).setpoints
+def words_of(half: TelegramHalf) -> Mapping[str, Word]:
+    """The words of a telegram's setpoints by name, in the order of its frame."""
     words: dict[str, Word] = {}
     for signal in half.signals:
         prefix = signal.name.removesuffix(_SENSOR_WORDS)
@@ -176,8 +175,8 @@ def words_of(number: int) -> Mapping[str, Word]:
 def telegrams_of() -> Mapping[str, tuple[int, ...]]:
     """Every word with the telegrams that contain it."""
     found: dict[str, tuple[int, ...]] = {}
-    for number in TELEGRAMS:
-        for name in words_of(number):
+    for number, chosen in TELEGRAMS.items():
+        for name in words_of(chosen.setpoints):
             found[name] = (*found.get(name, ()), number)
     return MappingProxyType(found)
 
@@ -185,7 +184,7 @@ def telegrams_of() -> Mapping[str, tuple[int, ...]]:
 def find(key: str, half: TelegramHalf) -> Word:
     """A word of the telegram, or a ``SIGNAL`` or ``SIGNAL.BIT`` of either half. GatewayError names what is allowed."""
     if half.direction is Direction.SETPOINT and key.islower():
-        return _word(key, half.telegram)
+        return _word(key, half)
     signal_name, _, bit_name = key.partition(".")
     if signal_name not in half.names:
         hint = did_you_mean(signal_name, half.names)
@@ -200,8 +199,8 @@ def find(key: str, half: TelegramHalf) -> Word:
     return Word(key, item, bits[bit_name])
 
 
-def _word(name: str, number: int) -> Word:
-    words = words_of(number)
+def _word(name: str, half: TelegramHalf) -> Word:
+    number, words = half.telegram, words_of(half)
     if name in words:
         return words[name]
     others = telegrams_of().get(name)

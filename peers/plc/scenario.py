@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, model_validator
 
 from pdgw.base.phrases import did_you_mean
 from pdgw.base.validation import misplaced
@@ -22,7 +22,7 @@ from pdgw.peers.plc.exchange.following import Follow
 from pdgw.peers.plc.notation import Scalar, parse_time, telegrams_of
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
-from pdgw.profidrive.telegrams import telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, telegram
 
 _Flag = Literal[True] | None
 _Parameters = Annotated[dict[str, Scalar], Field(min_length=1, max_length=MAX_PARAMETERS)] | None
@@ -205,10 +205,10 @@ class Scenario(Model):
     steps: Annotated[list[Step], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _axes_exist(self) -> Scenario:
+    def _axes_exist(self, info: ValidationInfo) -> Scenario:
         for number in self.telegrams:
             try:
-                telegram(number)
+                telegram(number, TELEGRAMS if info.context is None else info.context)
             except ProfidriveError as error:
                 raise ValueError(str(error)) from error
         for position, step in enumerate(self.steps, 1):

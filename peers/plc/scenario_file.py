@@ -17,7 +17,7 @@ from pdgw.gateway.configuration.toml_file import check_depth, read_text
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Scenario
-from pdgw.profidrive.telegrams import telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, Telegram, by_number, telegram
 
 
 class _Loader(yaml.SafeLoader):
@@ -48,19 +48,22 @@ def parse_step(text: str) -> dict[str, Any]:
     return {name.removesuffix(":"): _document(value) if value.strip() else True}
 
 
-def _validated(document: Any) -> Scenario:
+def _validated(document: Any, known: Mapping[int, Telegram] = TELEGRAMS) -> Scenario:
     """The scenario in a document; GatewayError has one line for each error."""
     try:
-        return Scenario.model_validate(document)
+        return Scenario.model_validate(document, context=known)
     except ValidationError as error:
         raise GatewayError("\n".join(_step_problem(problem) for problem in problems(error, Scenario))) from error
 
 
 def scenario_of(
-    telegrams: Sequence[int], steps: Sequence[Mapping[str, Any]], references: Mapping[str, float] = MappingProxyType({})
+    telegrams: Sequence[Telegram],
+    steps: Sequence[Mapping[str, Any]],
+    references: Mapping[str, float] = MappingProxyType({}),
 ) -> Scenario:
     """Build a scenario from steps without a file; GatewayError describes errors."""
-    return _validated({"telegrams": telegrams, "steps": steps, "references": references})
+    numbers = [item.number for item in telegrams]
+    return _validated({"telegrams": numbers, "steps": steps, "references": references}, by_number(telegrams))
 
 
 def load_scenario(path: Path) -> Scenario:

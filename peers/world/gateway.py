@@ -154,11 +154,11 @@ class Plc(plc.Plc):
         """
         index = self._index(do_id)
         named = ({} if on is None else {"enable" if on else "off1": True}) | steps
-        numbers = [item.number for item in self.endpoint.telegrams]
         chosen = self._objects[index]
         rated = chosen.rated_speed_rpm if isinstance(chosen, AxisConfig) else None
         references = {} if rated is None else {"speed_rpm": float(rated)}
-        scenario = scenario_of(numbers, [{"axis": index + 1, name: value} for name, value in named.items()], references)
+        found = [{"axis": index + 1, name: value} for name, value in named.items()]
+        scenario = scenario_of(self.endpoint.telegrams, found, references)
         engine = Engine(scenario, self.endpoint)
         for _ in range(max(1, round(seconds * SECOND) // self.cycle_ns)):
             engine.step(self.loop.now())

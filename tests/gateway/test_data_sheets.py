@@ -152,7 +152,7 @@ STEPS = [
 
 def positions(plc: Plc, drive: SimulatedDrive) -> None:
     begin, ever = drive.model.position, {"MELDW": 0, "POS_ZSW1": 0}
-    engine = Engine(scenario_of([111], STEPS), plc.endpoint)
+    engine = Engine(scenario_of([telegram(111)], STEPS), plc.endpoint)
     while not engine.finished:
         engine.step(plc.loop.now())
         plc.exchange()

@@ -30,7 +30,7 @@ ON = ({"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "20 s"}, {"enable": Tr
 def run_plc(number: int, *steps: dict[str, Any]) -> PlcEndpoint:
     """Steps without a gateway."""
     endpoint = PlcEndpoint([telegram(number)], CYCLE)
-    engine = Engine(scenario_of([number], steps), endpoint)
+    engine = Engine(scenario_of([telegram(number)], steps), endpoint)
     for cycle in range(100):
         engine.step(cycle * CYCLE)
     assert engine.finished
@@ -52,14 +52,14 @@ def test_every_bit_a_telegram_sends_has_a_word_of_its_own(number: int) -> None:
         for bit in item.fields(positioning=half.mode is ApplicationMode.POSITIONING)
         if not bit.name.startswith(("DEVICE_", "RESERVED"))
     ]
-    words = words_of(number).values()
+    words = words_of(telegram(number).setpoints).values()
     assert [(word.signal.name, word.bit.name) for word in words if word.bit is not None] == bits
     assert [word.signal.name for word in words if word.bit is None] == list(half.names)
 
 
 @pytest.mark.parametrize("number", TELEGRAMS)
 def test_every_word_of_a_telegram_sets_what_it_names(number: int) -> None:
-    for word in words_of(number).values():
+    for word in words_of(telegram(number).setpoints).values():
         values = run_plc(number, {"set": {word.name: 1}}).setpoints[0]
         one = struct.unpack(">I", struct.pack(">f", 1.0))[0] if word.name in FLOATS else 1
         assert values == {**dict.fromkeys(values, 0), word.signal.name: one << (word.bit.position if word.bit else 0)}
@@ -113,7 +113,7 @@ def test_a_typed_line_is_a_step() -> None:
 
 def test_override_stays_for_the_next_task() -> None:
     endpoint = PlcEndpoint([telegram(111)], CYCLE)
-    engine = Engine(scenario_of([111], [{"override": "25 %"}, {"mdi": {"to": 5}}]), endpoint)
+    engine = Engine(scenario_of([telegram(111)], [{"override": "25 %"}, {"mdi": {"to": 5}}]), endpoint)
     engine.step(0)
     assert endpoint.setpoints[0]["OVERRIDE"] == 0x1000
 
@@ -126,7 +126,7 @@ def test_the_sign_of_life_counts_from_1_to_15_with_each_frame() -> None:
         endpoint.build()
         seen.append(life.of(endpoint.setpoints[0]["STW2"]))
     assert seen == [*range(1, 16), 1, 2]
-    Engine(scenario_of([2], [{"sign_of_life": False}]), endpoint).step(0)
+    Engine(scenario_of([telegram(2)], [{"sign_of_life": False}]), endpoint).step(0)
     endpoint.build()
     assert life.of(endpoint.setpoints[0]["STW2"]) == 2
 

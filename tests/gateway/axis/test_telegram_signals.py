@@ -29,7 +29,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.file import config_text, parse_config
 from pdgw.gateway.configuration.positioner_config import PositionerConfig
-from pdgw.peers.world import Plc
+from pdgw.peers.world import Gateway, Plc
 from pdgw.profidrive import telegrams as catalogue
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import signal
@@ -309,3 +309,11 @@ def test_two_gateways_with_other_telegrams_of_one_number() -> None:
 def test_error_names_the_table_of_the_own_telegram() -> None:
     with pytest.raises(GatewayError, match=r":2: \[\[telegram\]\].*actuals: MELDW missing"):
         parse_config(file(1001, OWN.replace('"MELDW"', '"XIST_A"')))
+
+
+def test_a_plc_of_a_world_commands_an_own_telegram() -> None:
+    rated = OWN + '[can]\ninterface = "virtual"\nchannel = "own"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1001\n'
+    with Gateway(parse_config(rated + "simulate = true\nrated_speed_rpm = 3000\n")) as gateway:
+        gateway.plc.run(8, on=True, speed="300 rpm")
+        assert gateway.plc.actual("NIST_B") > 0
+        gateway.plc.run(4, on=False)

@@ -32,7 +32,7 @@ def _takes(number: int, action: str) -> bool:
 
 def _possible(number: int, step: Mapping[str, Any]) -> bool:
     try:
-        Engine(scenario_of([number], [step]), PlcEndpoint([telegram(number)], _CYCLE_NS))
+        Engine(scenario_of([telegram(number)], [step]), PlcEndpoint([telegram(number)], _CYCLE_NS))
     except GatewayError:
         return False
     return True
