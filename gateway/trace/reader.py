@@ -8,7 +8,7 @@ import struct
 from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple
 
 from pdgw.gateway.base.errors import GatewayError, problem, reading
 from pdgw.gateway.trace import pcapng
@@ -190,12 +190,6 @@ class RingReader:
         if self._parser.description is None:
             raise GatewayError(f"{path}: not a recording of the gateway")
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
     @property
     def layout(self) -> Description:
         """What the newest segment contains."""
@@ -213,9 +207,17 @@ class RingReader:
         return (self.path / "ended").exists()
 
     @property
-    def process(self) -> int:
-        """Process id of the daemon."""
-        return self.layout.process
+    def is_alive(self) -> bool:
+        """The daemon still runs."""
+        if self.ended:
+            return False
+        try:
+            os.kill(self.layout.process, 0)
+        except ProcessLookupError:
+            return False
+        except PermissionError:
+            return True  # it belongs to another process
+        return True
 
     @property
     def replaced(self) -> bool:
@@ -306,16 +308,3 @@ def _bytes_of(file: Path, offset: int) -> bytes:
         return b""  # the gateway has deleted it meanwhile
     except OSError as error:
         raise GatewayError(f"{file}: {error.strerror or error}") from error
-
-
-def is_alive(reader: RingReader) -> bool:
-    """The daemon still runs."""
-    if reader.ended:
-        return False
-    try:
-        os.kill(reader.process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True  # it belongs to another process
-    return True

@@ -154,17 +154,17 @@ class StepReader:
             groups[0] = self._structs[0].unpack_from(received, self._setpoints_at)
         if self._fresh_at is not None:
             changes.append(((_FLAGS, self._fresh_at), fresh))
-        if mask & pcapng.AS_BEFORE:
-            return Step._make((*_changed(groups, changes), {}, last.is_sent, False, ()))
-        for key, pdo in self._pdos.items():
-            if key in self._arrived:
-                time_ns, data = self._arrived[key]
-                values = pdo.packed.unpack_from(data)
-                changes += [(place, values[value]) for value, place in pdo.places]
-                changes += [(place, time_ns) for place in pdo.times]
-        changes += [((_COMMAND, at), value) for at, value in self._sent.items()]
-        is_sent = bool(mask & pcapng.SENT) and self._of_rpdos <= self._sent.keys()
-        return Step._make((*_changed(groups, changes), {}, is_sent, True, ()))
+        is_sent, by_frames = last.is_sent, not mask & pcapng.AS_BEFORE
+        if by_frames:
+            for key, pdo in self._pdos.items():
+                if key in self._arrived:
+                    time_ns, data = self._arrived[key]
+                    values = pdo.packed.unpack_from(data)
+                    changes += [(place, values[value]) for value, place in pdo.places]
+                    changes += [(place, time_ns) for place in pdo.times]
+            changes += [((_COMMAND, at), value) for at, value in self._sent.items()]
+            is_sent = bool(mask & pcapng.SENT) and self._of_rpdos <= self._sent.keys()
+        return Step._make((*_changed(groups, changes), {}, is_sent, by_frames, ()))
 
     def _recorded(self, step: Step, frames: Step | None, mask: int, flags: int, received: bytes) -> Step:
         """A recorded step. ``frames``: as the frames have it."""

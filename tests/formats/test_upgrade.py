@@ -108,12 +108,12 @@ def test_recorded_steps_of_version_1_are_read(tmp_path: Path) -> None:
     """They have all that has changed, also what the frames have."""
     path = tmp_path / "gateway.pcapng"
     path.write_bytes(lzma.decompress((HERE / "steps-1.pcapng.xz").read_bytes()))
-    with RingReader(path) as ring:
-        cycles = ring.cycles()
-        speeds = {ring.value(cycle, 0, "feedback", "velocity_actual") for cycle in cycles}
-        assert {ring.value(cycle, 0, "command", "target_velocity") for cycle in cycles} == {0, 1500}
-        assert (len(speeds), max(filter(None, speeds))) == (81, 1500)
-        assert {"NEEDS_OFF", "", "QUICK_STOP", "PLC_LOST"} <= {ring.reason(cycle, 0) for cycle in cycles}
+    ring = RingReader(path)
+    cycles = ring.cycles()
+    speeds = {ring.value(cycle, 0, "feedback", "velocity_actual") for cycle in cycles}
+    assert {ring.value(cycle, 0, "command", "target_velocity") for cycle in cycles} == {0, 1500}
+    assert (len(speeds), max(filter(None, speeds))) == (81, 1500)
+    assert {"NEEDS_OFF", "", "QUICK_STOP", "PLC_LOST"} <= {ring.reason(cycle, 0) for cycle in cycles}
     done = cli.pdgw("timeline", str(path))
     assert (done.returncode, "QUICK_STOP" in done.stdout) == (0, True), done.stdout + done.stderr
 

@@ -72,8 +72,8 @@ def write(folder: Path) -> None:
             plc.until(lambda: plc.state() == 0x01, "off")
             with exchanging(plc):
                 plc.loop.run_for(SECOND // 2)
-        with RingReader(run_directory / "gateway.ring") as reader:
-            _compress(folder / "recording.pcapng", part_of(reader)[0])
+        reader = RingReader(run_directory / "gateway.ring")
+        _compress(folder / "recording.pcapng", part_of(reader)[0])
 
 
 def _compress(path: Path, data: bytes) -> None:

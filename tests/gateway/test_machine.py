@@ -81,8 +81,8 @@ def test_a_step_of_the_wall_clock_leaves_the_axis_in_operation(tmp_path: Path, s
         after = snapshot(machine.daemon)
         assert after["time"][:10] != before["time"][:10]
         assert after["uptime_s"] - before["uptime_s"] == pytest.approx(500 * machine.daemon.cycle_ns / SECOND, abs=0.1)
-        with RingReader(tmp_path / "test.ring") as ring:
-            newest = ring.cycles(at_most=1)[0].wall_ns / SECOND
+        ring = RingReader(tmp_path / "test.ring")
+        newest = ring.cycles(at_most=1)[0].wall_ns / SECOND
         assert newest == pytest.approx(machine.loop.wall(), abs=0.1), "records have the time as it is set now"
 
 
@@ -135,8 +135,8 @@ def test_without_file_descriptors_the_axis_stays_in_operation(tmp_path: Path) ->
             ):
                 machine.daemon.store.save()
             machine.undisturbed()
-        with RingReader(tmp_path / "test.ring") as ring:
-            assert ring.newest_cycle == machine.daemon.cycles, "a segment is closed before the next one is opened"
+        ring = RingReader(tmp_path / "test.ring")
+        assert ring.newest_cycle == machine.daemon.cycles, "a segment is closed before the next one is opened"
         machine.daemon.store.save()
 
 

@@ -151,8 +151,8 @@ def test_a_recording_has_every_cycle_the_configuration_and_what_an_earlier_run_r
                 plc.exchange()
         recording.stop()
         assert recording.lost == 0
-        with RingReader(folder / CAPTURE) as reader:
-            assert [cycle.number for cycle in reader.cycles()] == list(range(1, plc.daemon.cycles + 1))
+        reader = RingReader(folder / CAPTURE)
+        assert [cycle.number for cycle in reader.cycles()] == list(range(1, plc.daemon.cycles + 1))
         assert configuration_in(folder / CAPTURE) == (folder / CONFIGURATION).read_text() == ring.configuration
     assert len(list(folder.glob("gateway-*.pcapng"))) == 1
     with pytest.raises(GatewayError, match=r"--record .*cannot be written"):

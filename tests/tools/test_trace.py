@@ -46,8 +46,8 @@ def recorded(directory: Path, text: str = "") -> Iterator[tuple[Daemon, Plc, Rin
         plc.enable()
         path = recorders[0].path
         assert path is not None
-        with RingReader(path) as reader:
-            yield daemon, plc, reader
+        reader = RingReader(path)
+        yield daemon, plc, reader
 
 
 def pass_time(plc: Plc, nanoseconds: int) -> None:
@@ -105,11 +105,11 @@ def test_only_the_last_seconds_are_saved_on_request(tmp_path: Path) -> None:
         whole = save(reader, tmp_path / "a.pcapng")
         part = save(reader, tmp_path / "b.pcapng", newest - SECOND // 10)
         assert 0 < part < whole / 5
-        with RingReader(tmp_path / "b.pcapng") as saved:
-            first, *_, last = saved.cycles()
-            assert newest - 12 * SECOND // 10 < first.time_ns <= newest - SECOND // 10
-            assert last.time_ns == newest
-            assert last.steps == reader.cycles(at_most=1)[0].steps
+        saved = RingReader(tmp_path / "b.pcapng")
+        first, *_, last = saved.cycles()
+        assert newest - 12 * SECOND // 10 < first.time_ns <= newest - SECOND // 10
+        assert last.time_ns == newest
+        assert last.steps == reader.cycles(at_most=1)[0].steps
         with pytest.raises(GatewayError, match="cannot be written"):
             save(reader, tmp_path / "missing" / "c.pcapng")
 
@@ -274,11 +274,11 @@ def test_a_profinet_gateways_trace_has_its_ethernet_frames(tmp_path: Path) -> No
         plant.enable(1, 0x2000)
         plant.run(SECOND // 2)
         assert recorder.path is not None
-        with RingReader(recorder.path) as reader:
-            cycle = reader.cycles(at_most=1)[0]
-            assert list(reader.setpoints(cycle, 0) or ()) == [ON, 0x2000]
-            assert (reader.actuals(cycle, 0) or (0,))[0] == plant.word()
-            save(reader, tmp_path / "x.pcapng")
+        reader = RingReader(recorder.path)
+        cycle = reader.cycles(at_most=1)[0]
+        assert list(reader.setpoints(cycle, 0) or ()) == [ON, 0x2000]
+        assert (reader.actuals(cycle, 0) or (0,))[0] == plant.word()
+        save(reader, tmp_path / "x.pcapng")
     with open_source(str(tmp_path / "x.pcapng")) as source:
         found = {
             packet.data for packet in source.packets if isinstance(packet, Packet) and packet.link == LinkType.ETHERNET

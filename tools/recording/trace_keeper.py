@@ -24,7 +24,7 @@ from pdgw.gateway.base.reasons import Enable, Reason
 from pdgw.gateway.base.run_directory import PREVIOUS, rings, run_directory
 from pdgw.gateway.configuration.defaults import Trigger
 from pdgw.gateway.trace import pcapng
-from pdgw.gateway.trace.reader import Cycle, RingReader, is_alive
+from pdgw.gateway.trace.reader import Cycle, RingReader
 from pdgw.tools.recording.recorder import delete_oldest
 
 
@@ -41,7 +41,7 @@ def chosen_ring(name: str | None, directory: Path | None = None) -> Path:
     else:
         fitting = [path for path in found if not path.name.endswith(PREVIOUS)]
         if len(fitting) > 1:
-            fitting = [path for path in fitting if _is_written(path)] or fitting
+            fitting = [path for path in fitting if RingReader(path).is_alive] or fitting
     if len(fitting) == 1:
         return fitting[0]
     place = directory or run_directory() or "no run directory"
@@ -52,20 +52,15 @@ def chosen_ring(name: str | None, directory: Path | None = None) -> Path:
     raise GatewayError(f"{why}: give --ring a path or one of these in {place}: {names}")
 
 
-def _is_written(path: Path) -> bool:
-    with RingReader(path) as reader:
-        return is_alive(reader)
-
-
 _GZIP_LEVEL = 6
 """A higher level takes eight times as long for a twentieth of the size."""
 
 
 def captured(ring: Path, seconds: float) -> bytes:
     """The last seconds of a ring as the bytes of such a file."""
-    with RingReader(ring) as reader:
-        newest = reader.cycles(at_most=1)
-        return part_of(reader, newest[0].time_ns - int(seconds * SECOND) if newest else None)[0]
+    reader = RingReader(ring)
+    newest = reader.cycles(at_most=1)
+    return part_of(reader, newest[0].time_ns - int(seconds * SECOND) if newest else None)[0]
 
 
 def save(reader: RingReader, path: Path, begin_ns: int | None = None, end_ns: int | None = None) -> int:
@@ -235,14 +230,13 @@ def follow(path: Path, choice: Choice, wait: Callable[[float], bool], pause_s: f
             if wait(pause_s):
                 return
             continue  # no gateway yet, or between two gateways
-        with reader:
-            keeper = Keeper(reader, choice)
-            asked = _follow_one(reader, keeper, wait, pause_s)
-            if asked:
+        keeper = Keeper(reader, choice)
+        asked = _follow_one(reader, keeper, wait, pause_s)
+        if asked:
+            return
+        while not reader.replaced:
+            if wait(pause_s):
                 return
-            while not reader.replaced:
-                if wait(pause_s):
-                    return
 
 
 def _follow_one(reader: RingReader, keeper: Keeper, wait: Callable[[float], bool], pause_s: float) -> bool:
@@ -253,7 +247,7 @@ def _follow_one(reader: RingReader, keeper: Keeper, wait: Callable[[float], bool
         keeper.poll()
         silent = silent + pause_s if reader.newest_cycle == newest else 0.0
         newest = reader.newest_cycle
-        if asked or reader.ended or reader.replaced or (silent >= _SILENT_S and not is_alive(reader)):
+        if asked or reader.ended or reader.replaced or (silent >= _SILENT_S and not reader.is_alive):
             keeper.ended()
             return asked
 

@@ -261,9 +261,9 @@ def test_a_recording_with_a_gap_is_refused(tmp_path: Path) -> None:
 def test_a_part_of_a_recording_is_refused(tmp_path: Path) -> None:
     with recorded(configuration(axis(1)), tmp_path) as plc:
         plc.exchange(1200)
-        with RingReader(tmp_path / "test.ring") as reader:
-            newest = reader.cycles(at_most=1)[0].time_ns
-            save(reader, tmp_path / "part.pcapng", newest - 1_000_000_000)
+        reader = RingReader(tmp_path / "test.ring")
+        newest = reader.cycles(at_most=1)[0].time_ns
+        save(reader, tmp_path / "part.pcapng", newest - 1_000_000_000)
     with pytest.raises(GatewayError, match=r"begins in the middle of a run.*--record"):
         replayed([str(tmp_path / "part.pcapng")])
 

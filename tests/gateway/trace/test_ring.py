@@ -100,10 +100,10 @@ def test_the_oldest_segments_are_deleted_and_each_can_be_read_alone(tmp_path: Pa
         assert 1.0 < (cycles[-1].time_ns - cycles[0].time_ns) / 1e9 < 1.3
         assert 10 < len(reader.segments()) < 18
         for segment in reader.segments():
-            with RingReader(segment) as alone:
-                first = alone.cycles()[0]
-                assert list(alone.setpoints(first, 0) or ()) == [0x047F, 0x2000]
-                assert all(cycle.steps[0].is_sent for cycle in alone.cycles())
+            alone = RingReader(segment)
+            first = alone.cycles()[0]
+            assert list(alone.setpoints(first, 0) or ()) == [0x047F, 0x2000]
+            assert all(cycle.steps[0].is_sent for cycle in alone.cycles())
 
 
 def test_secrets_are_not_in_a_recording(tmp_path: Path) -> None:
@@ -203,8 +203,8 @@ def test_what_an_earlier_run_left_is_kept_once(tmp_path: Path) -> None:
             before = reader.newest_cycle
         assert reader.ended
     assert sorted(path.name for path in tmp_path.glob("*.ring")) == ["test.previous.ring", "test.ring"]
-    with RingReader(tmp_path / "test.previous.ring") as reader:
-        assert reader.newest_cycle < before
+    reader = RingReader(tmp_path / "test.previous.ring")
+    assert reader.newest_cycle < before
     assert rings(tmp_path)[0].name == "test.ring"
 
 
@@ -290,18 +290,18 @@ def test_kill_9_leaves_all_written_cycles_readable(tmp_path: Path) -> None:
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "begins\n"
-        with RingReader(tmp_path / "test.ring") as reader:
-            newest = 0
-            while newest < 200:
-                assert process.poll() is None
-                cycles = reader.cycles(after=newest)
-                assert [cycle.number for cycle in cycles] == list(range(newest + 1, newest + 1 + len(cycles)))
-                newest += len(cycles)
-                time.sleep(0)
-            process.send_signal(signal.SIGKILL)
-            process.wait()
-            assert [cycle.number for cycle in reader.cycles()] == list(range(1, reader.newest_cycle + 1))
-            assert not reader.ended
+        reader = RingReader(tmp_path / "test.ring")
+        newest = 0
+        while newest < 200:
+            assert process.poll() is None
+            cycles = reader.cycles(after=newest)
+            assert [cycle.number for cycle in cycles] == list(range(newest + 1, newest + 1 + len(cycles)))
+            newest += len(cycles)
+            time.sleep(0)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert [cycle.number for cycle in reader.cycles()] == list(range(1, reader.newest_cycle + 1))
+        assert not reader.ended
 
 
 # -- every class in a recorded value is found by its name ---------------------------------------------------------

@@ -185,11 +185,11 @@ class SoakRun:
         """Replay what the gateways have recorded; the number of steps. ViolationError for the first difference."""
         count = 0
         for recorder in self._recorders:
-            with RingReader(recorder.path) as reader:
-                for result in replayed([str(path) for path in reader.segments()]):
-                    count += result.steps
-                    if result.differences:
-                        raise ViolationError(f"replayed otherwise: {result.differences[0]}")
+            reader = RingReader(recorder.path)
+            for result in replayed([str(path) for path in reader.segments()]):
+                count += result.steps
+                if result.differences:
+                    raise ViolationError(f"replayed otherwise: {result.differences[0]}")
         return count
 
     def run_to(self, until: int) -> None:

@@ -42,8 +42,8 @@ def recorded(
 def recording(folder: Path) -> str:
     """Everything that the ring in ``folder`` has, in one file."""
     file = folder / "gateway.pcapng"
-    with RingReader(folder / "test.ring") as reader:
-        save(reader, file)
+    reader = RingReader(folder / "test.ring")
+    save(reader, file)
     return str(file)
 
 

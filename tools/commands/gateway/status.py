@@ -158,5 +158,4 @@ def _write(path: Path, lines: list[str], document: dict[str, Any]) -> None:
         archive.writestr("explain.txt", "\n".join(lines) + "\n")
         archive.writestr("status.json", json.dumps(document, indent=1))
         if document["trace"]:
-            with RingReader(Path(document["trace"])) as reader:
-                archive.writestr("capture.pcapng", part_of(reader)[0])
+            archive.writestr("capture.pcapng", part_of(RingReader(Path(document["trace"])))[0])

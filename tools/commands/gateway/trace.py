@@ -45,15 +45,15 @@ def save_(
     last: Annotated[float | None, typer.Option(min=0.001, help="Only the last SECONDS.")] = None,
 ) -> None:
     """Write both buses and the configuration as pcapng, for Wireshark, `pdgw timeline` and `pdgw replay`."""
-    from pdgw.gateway.trace.reader import RingReader, is_alive
+    from pdgw.gateway.trace.reader import RingReader
     from pdgw.tools.recording.trace_keeper import chosen_ring, save
 
-    with RingReader(chosen_ring(ring)) as reader:
-        newest = reader.cycles(at_most=1)
-        begin = None if last is None or not newest else newest[0].time_ns - int(last * SECOND)
-        count = save(reader, file, begin)
-        state = "running" if is_alive(reader) else "ended" if reader.ended else "killed"
-        typer.echo(f"{file}: {counted(count, 'packet')} of {reader.path.name} ({state})")
+    reader = RingReader(chosen_ring(ring))
+    newest = reader.cycles(at_most=1)
+    begin = None if last is None or not newest else newest[0].time_ns - int(last * SECOND)
+    count = save(reader, file, begin)
+    state = "running" if reader.is_alive else "ended" if reader.ended else "killed"
+    typer.echo(f"{file}: {counted(count, 'packet')} of {reader.path.name} ({state})")
 
 
 @app.command("list")
@@ -64,8 +64,7 @@ def list_() -> None:
 
     for path in rings():
         try:
-            with RingReader(path) as reader:
-                typer.echo(_line(reader))
+            typer.echo(_line(RingReader(path)))
         except GatewayError as error:
             typer.echo(str(error))
     if not rings():
@@ -73,9 +72,7 @@ def list_() -> None:
 
 
 def _line(reader: RingReader) -> str:
-    from pdgw.gateway.trace.reader import is_alive
-
-    state = f"process {reader.process}" if is_alive(reader) else "ended" if reader.ended else "killed"
+    state = f"process {reader.layout.process}" if reader.is_alive else "ended" if reader.ended else "killed"
     cycles = reader.cycles()
     if not cycles:
         return f"{reader.path}: {state}, nothing recorded yet"
