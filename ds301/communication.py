@@ -209,7 +209,7 @@ def pdo_objects(
             objects.append(
                 array(
                     index,
-                    f"{direction.label}{number} communication parameter",
+                    f"{direction.name}{number} communication parameter",
                     *entries,
                     kind=ObjectKind.RECORD,
                 )
@@ -231,7 +231,7 @@ def pdo_objects(
             objects.append(
                 ObjectSpec(
                     index,
-                    f"{direction.label}{number} mapping parameter",
+                    f"{direction.name}{number} mapping parameter",
                     ObjectKind.RECORD,
                     (count_entry, *slots),
                 )

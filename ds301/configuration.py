@@ -94,7 +94,7 @@ def map_pdo(
 def disable_pdo(direction: PdoDirection, number: int, cob_id: int) -> SdoStep:
     """The write that keeps an unused PDO off the bus, with the COB-ID that it has or would have."""
     index = direction.communication_index + number - 1
-    return SdoStep(index, _COB_ID, CanType.U32, cob_id | COB_ID_INVALID, f"{direction.label}{number} unused")
+    return SdoStep(index, _COB_ID, CanType.U32, cob_id | COB_ID_INVALID, f"{direction.name}{number} unused")
 
 
 def has_effect(step: SdoStep, found: int) -> bool:

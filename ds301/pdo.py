@@ -41,10 +41,6 @@ class PdoDirection(enum.Enum):
     # No __init__: mypyc cannot compile an enum that has one.
 
     @property
-    def label(self) -> str:
-        return self.name
-
-    @property
     def communication_index(self) -> int:
         return self.value[0]
 
@@ -67,9 +63,9 @@ class PdoDirection(enum.Enum):
     def cob_id(self, number: int, node_id: int) -> int:
         """The COB-ID of PDO ``number`` (1..5) of a node; CanopenError for one that has none (``has_cob_id``)."""
         if not 1 <= number <= len(self.bases):
-            raise CanopenError(f"{self.label} number", number, f"1..{len(self.bases)}")
+            raise CanopenError(f"{self.name} number", number, f"1..{len(self.bases)}")
         if not self.has_cob_id(number, node_id):
-            raise CanopenError(f"node-ID with {self.label} {number}", node_id, f"1..{_HIGHEST_SHORT_NODE_ID}")
+            raise CanopenError(f"node-ID with {self.name} {number}", node_id, f"1..{_HIGHEST_SHORT_NODE_ID}")
         return self.bases[number - 1] + node_id
 
     def predefined(self, node_id: int) -> tuple[int, ...]:
@@ -98,9 +94,7 @@ def direction_of(index: int) -> PdoDirection:
 
 def pdo_of(index: int) -> tuple[PdoDirection, int]:
     """Direction and number of the PDO that a communication or mapping parameter belongs to."""
-    direction = direction_of(index)
-    first = direction.mapping_index if is_mapping_parameter(index) else direction.communication_index
-    return direction, index - first + 1
+    return direction_of(index), index % PDOS_MAX + 1
 
 
 @dataclass(frozen=True)
@@ -151,7 +145,7 @@ class Pdo:
             setattr(image, name, value)
 
     def __str__(self) -> str:
-        return f"{self.direction.label}{self.number}"
+        return f"{self.direction.name}{self.number}"
 
     @property
     def communication_index(self) -> int:

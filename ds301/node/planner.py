@@ -278,7 +278,7 @@ class _Direction:
 
     def _pace(self, key: Key, *, timer: bool) -> tuple[Pace, int]:
         given, number = self.findings.types.get(key), key[1]
-        name = f"{self.direction.label}{number}"
+        name = f"{self.direction.name}{number}"
         if given == ON_SYNC_IF_CHANGED and self.direction is PdoDirection.TPDO:
             self.notes.append(
                 f"{name} on SYNC after a change only: its transmission type cannot be written; heartbeat and SDO monitor the "

@@ -69,7 +69,7 @@ def _without(direction: PdoDirection, word: Entry, findings: Findings) -> Dsp402
     ]
     return Dsp402Error(
         "PDOs of the drive",
-        f"no {direction.label} for {word}" + (f": fixed are {'; '.join(there)}" if there else ""),
+        f"no {direction.name} for {word}" + (f": fixed are {'; '.join(there)}" if there else ""),
         f"a PDO that can be mapped, or one whose mapping has {word.index:04X}h and only objects of the telegram",
     )
 

@@ -119,7 +119,7 @@ class ObjectFollower:
         now, do_id = record.time_ns, self.axis.do_id
         if isinstance(record, PdoRecord):
             layout = record.layout
-            self.has_frames |= layout.name.startswith(PdoDirection.TPDO.label)
+            self.has_frames |= layout.name.startswith(PdoDirection.TPDO.name)
             values = zip(layout.addresses, layout.unit.fields, layout.unpack(record.data), strict=True)
             for address, field, value in values:
                 if address in self._followed and isinstance(value, int):

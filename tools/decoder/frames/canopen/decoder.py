@@ -333,7 +333,7 @@ class CanopenDecoder:
         mapped = [Mapped.from_parameter(value) for value in objects if value is not None]
         if cob_id & COB_ID_INVALID or not count or len(mapped) != count:
             return
-        name = f"{direction.label}{number}"
+        name = f"{direction.name}{number}"
         layout = pdo_layout(name, node_id, node.axis, mapped, node.names, node.origins.get(mapping, _OBSERVED))
         if layout is not None:
             identifier = cob_id & STANDARD_ID
@@ -347,7 +347,7 @@ _Base = tuple[int, int, str, bytes, int]
 def _predefined_pdo(function: int) -> str:
     for direction in PdoDirection:
         if function in direction.bases[:4]:
-            return f"{direction.label}{direction.bases.index(function) + 1}"
+            return f"{direction.name}{direction.bases.index(function) + 1}"
     return ""
 
 
