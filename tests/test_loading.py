@@ -116,10 +116,11 @@ def test_package_and_commands_import_only_what_they_need(tmp_path: Path) -> None
     # The package itself, then the help of every command, then commands that only read, then those that decode.
     capture = tmp_path / "both.pcapng"
     write_capture(capture, 40)
-    door, helping, reading, looking, decoding, following = loaded(
+    door, helping, reading, looking, saving, decoding, following = loaded(
         ", ".join(["--help, -h", *help_of_all()]),
         "status 1, status --port 1, explain 1, trace list",
         "--version",
+        f"trace save {tmp_path / 'saved.pcapng'} --ring none",
         "decode --hex 047F2000 --telegram 1",
         f"timeline {capture} --telegram 1",
     )
@@ -137,6 +138,7 @@ def test_package_and_commands_import_only_what_they_need(tmp_path: Path) -> None
     assert helping & _NOT_FOR_HELP == set()
     assert reading & _NOT_FOR_HELP == set()
     assert looking & _HEAVY == set()
+    assert "pydantic" not in saving, "a text, a path and a number need it not"
     for modules in (helping, reading, looking):
         products = {name for name in modules if any(name == top or name.startswith(f"{top}.") for top in _OF_COMMANDS)}
         assert products <= _WORDS_OF_HELP

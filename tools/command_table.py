@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -33,12 +34,15 @@ _NUMBER = re.compile(r"-?[0-9]{1,10}")
 
 
 def _convert_texts_only(option: Any) -> None:
-    """Leave a default as it is, and convert a plain number: typer loads pydantic to convert a value, also None."""
+    """Leave a default as it is, and convert a plain number, a text and a path: typer loads pydantic for any value, also None."""
     convert = option.process_value
     kind, limits = option.type_descriptor.annotation, option.type_descriptor.parameter_info
+    is_one = option.nargs == 1 and option.callback is None
 
     def process(ctx: Any, value: Any) -> Any:
-        if kind is int and option.nargs == 1 and option.callback is None and _NUMBER.fullmatch(str(value)):
+        if is_one and kind in (str, Path) and isinstance(value, str):
+            return kind(value)
+        if is_one and kind is int and _NUMBER.fullmatch(str(value)):
             number = int(value)
             if (limits.min is None or number >= limits.min) and (limits.max is None or number <= limits.max):
                 return number
