@@ -10,6 +10,7 @@ import enum
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from operator import attrgetter
 from typing import Final, Self
 
@@ -97,6 +98,18 @@ def pdo_of(index: int) -> tuple[PdoDirection, int]:
     return direction_of(index), index % PDOS_MAX + 1
 
 
+_UNPACK: Final = """
+def unpack_into(data, image):
+    try:
+        {values}, = unpack(data)
+    except error:
+        refuse(data)
+"""
+"""Called for each TPDO in every cycle: attributes named one by one take the interpreter a third of a loop over their names."""
+_compile: Final = cache(compile)
+"""A device's PDOs are mapped again at each start, mostly the same ones."""
+
+
 @dataclass(frozen=True)
 class Pdo:
     """One PDO: direction, number (1 = first) and mapped entries, with their codec.
@@ -111,8 +124,10 @@ class Pdo:
     struct: struct.Struct = field(init=False, repr=False, compare=False)
     size: int = field(init=False)
     attributes: tuple[str, ...] = field(init=False, repr=False)
-    _values: Callable[[object], tuple[int, ...]] = field(init=False, repr=False, compare=False)
-    """Those of an image's attributes."""
+    pack: Callable[[object], bytes] = field(init=False, repr=False, compare=False)
+    """The PDO's bytes from an image's attributes."""
+    unpack_into: Callable[[bytes | bytearray, object], None] = field(init=False, repr=False, compare=False)
+    """Write the PDO's values to an image; CanopenError when the data is shorter than the mapping."""
 
     def __post_init__(self) -> None:
         # Objects without an attribute are not used: a dummy, or a fixed part of a mapping.
@@ -125,24 +140,22 @@ class Pdo:
             raise CanopenError(
                 str(self), ", ".join(map(str, self.entries)), "objects whose values have a name in the images"
             )
-        first, read = attributes[0], attrgetter(*attributes)
-        object.__setattr__(self, "struct", layout)
-        object.__setattr__(self, "size", layout.size)
-        object.__setattr__(self, "attributes", attributes)
-        object.__setattr__(self, "_values", read if attributes[1:] else lambda image: (getattr(image, first),))
+        pack, read, first = layout.pack, attrgetter(*attributes), attributes[0]
+        made = {
+            "struct": layout,
+            "size": layout.size,
+            "attributes": attributes,
+            "pack": (lambda image: pack(*read(image))) if attributes[1:] else lambda image: pack(getattr(image, first)),
+            "unpack": layout.unpack_from,
+            "error": struct.error,
+            "refuse": self._refuse,
+        }
+        exec(_compile(_UNPACK.format(values=", ".join(f"image.{name}" for name in attributes)), "<PDO>", "exec"), made)
+        for name in ("struct", "size", "attributes", "pack", "unpack_into"):
+            object.__setattr__(self, name, made[name])
 
-    def pack(self, image: object) -> bytes:
-        """The PDO's bytes from an image's attributes."""
-        return self.struct.pack(*self._values(image))
-
-    def unpack_into(self, data: bytes | bytearray, image: object) -> None:
-        """Write the PDO's values to an image; CanopenError when the data is shorter than the mapping."""
-        try:
-            values = self.struct.unpack_from(data)
-        except struct.error:
-            raise CanopenError(f"{self} length", len(data), f"{self.size} bytes") from None
-        for name, value in zip(self.attributes, values):  # noqa: B905 - ``strict`` has its price in every cycle
-            setattr(image, name, value)
+    def _refuse(self, data: bytes | bytearray) -> None:
+        raise CanopenError(f"{self} length", len(data), f"{self.size} bytes") from None
 
     def __str__(self) -> str:
         return f"{self.direction.name}{self.number}"
