@@ -1,7 +1,7 @@
 """``python -m tests.long.bench [counts|exchange|profinet|stops|decode ...]`` (``make bench``): print the tables.
 
-``--write`` makes the counts those of ``counts.toml`` and of the documents. ``--realtime``: all processes with real-time
-priority (Linux; root or CAP_SYS_NICE). ``--seconds``: time for each row.
+The exit status is 1 if a count is not about that of ``counts.toml``. ``--write`` makes the counts those of the file and of the
+documents. ``--realtime``: all processes with real-time priority (Linux; root or CAP_SYS_NICE). ``--seconds``: time for each row.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ def main() -> None:
         f"{os.cpu_count()} cores, {'real-time' if chosen.realtime else 'usual'} priority",
         flush=True,
     )
+    found: dict[str, dict[str, float]] = {}
     if "counts" in names:
-        found: dict[str, dict[str, float]] = {}
         _print("counts of a cycle, which no other work on the machine changes", counting.TITLES, counting.rows(found))
         if chosen.write and found:
             counting.write(found)
@@ -77,6 +77,10 @@ def main() -> None:
         _print("stop times, virtual time", stops.TITLES, stops.rows(20))
     if "decode" in names:
         _print("decoder and timeline, start-up included", decoding.TITLES, decoding.rows(decoding.PACKETS))
+    limits = counting.known()
+    over = {name: more for name in found if name in limits and (more := counting.excess(found[name], limits[name]))}
+    if over:
+        sys.exit(f"not as {counting.LIMITS.name} says: {over}")
 
 
 if __name__ == "__main__":

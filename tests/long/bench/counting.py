@@ -553,6 +553,8 @@ def command(arguments: str) -> int:
 
 
 TITLES: Final = ("row", "bytecodes", "calls into C", "instructions", "entries of the interpreter", "recorder")
+_CLOSE: Final = ("bytecodes", "calls", "instructions")
+"""What a change that is not meant to cost anything leaves as it is."""
 _KEYS: Final = ("bytecodes", "calls", "instructions", "entries", "recorder")
 """Of the columns after the first one."""
 MEASURED: Final = DOCS / "measured" / "counts.txt"
@@ -562,6 +564,23 @@ PLACE: Final = ("verification.md", "share of the recorder")
 def limits() -> dict[str, dict[str, Any]]:
     """The counts that a test allows: by version of Python and row, and by ``compiled``, interpreter and row."""
     return tomllib.loads(LIMITS.read_text(encoding="utf-8"))
+
+
+def excess(found: Mapping[str, float], limit: Mapping[str, float]) -> dict[str, float]:
+    """The counts that are more than 1 % above their limits, or so far below that these are none; of the others, those above."""
+    bounds = {key: (0.97, 1.01) if key in _CLOSE else (0, 1) for key in found}
+    return {
+        key: found[key]
+        for key, (low, high) in bounds.items()
+        if not low * limit[key] <= found[key] <= high * limit[key]
+    }
+
+
+def known() -> dict[str, dict[str, float]]:
+    """The limits of this build, by row; empty for an interpreter without any."""
+    version = "{}.{}".format(*sys.version_info[:2])
+    found = limits()["compiled"].get(interpreter(), {}) if kind() == COMPILED else limits().get(version, {})
+    return dict(found)
 
 
 def rows(found: dict[str, dict[str, float]]) -> Iterator[tuple[str, ...]]:
