@@ -215,8 +215,8 @@ def test_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.M
 def test_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     held = SpeedExecutor._held_at_limit
 
-    def ignored(self: SpeedExecutor, target: int) -> int:
-        held(self, target)
+    def ignored(self: SpeedExecutor, target: int, tolerance: int) -> int:
+        held(self, target, tolerance)
         return target
 
     monkeypatch.setattr(SpeedExecutor, "_held_at_limit", ignored)

@@ -122,9 +122,15 @@ class Executor:
     def limited(self, conversion: Normalisation, wire: int) -> int:
         """A fraction in the drive's units; one that a limit cuts is counted."""
         value = conversion.to_value(wire)
-        if not conversion.value_min < value < conversion.value_max and conversion.saturates(wire):
-            self.outputs.saturations += 1
+        if not conversion.value_min < value < conversion.value_max:
+            self.cuts(conversion, wire)
         return value
+
+    def cuts(self, conversion: Normalisation, wire: int) -> bool:
+        """Whether a limit cuts this fraction, which is counted."""
+        cut = conversion.saturates(wire)
+        self.outputs.saturations += cut
+        return cut
 
 
 def known(value: Fraction | None, what: str, key: str) -> Fraction:
@@ -157,6 +163,8 @@ class LimitWatch:
     """
 
     def __init__(self) -> None:
+        self.shown = False
+        """The drive reports a limit."""
         self.limits = False
         """It keeps the axis from its setpoint."""
         self._rests = False
@@ -168,7 +176,7 @@ class LimitWatch:
 
     def reset(self) -> None:
         """The drive reports no limit."""
-        self.limits = self._rests = False
+        self.shown = self.limits = self._rests = False
         self._since = -1
 
     def step(self, wanted: int, tolerance: int, executor: Executor) -> bool:
@@ -178,6 +186,7 @@ class LimitWatch:
             self.reset()
             return False
         now, standstill = inputs.now, inputs.standstill
+        self.shown = True
         self._rests = standstill and (self._rests or not wanted)
         speed = feedback.velocity_actual if wanted > 0 else -feedback.velocity_actual
         full = abs(wanted)

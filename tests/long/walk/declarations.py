@@ -62,7 +62,8 @@ OF: Final[dict[type, dict[str, Any]]] = {
     PositionerAdapter: {"ASIDE": frozenset({"_last"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},
-    LimitWatch: {"INSTANTS": {"_since": LIMIT_LEFT_NS}},
+    # What it does at the end of a limit is done already.
+    LimitWatch: {"INSTANTS": {"_since": LIMIT_LEFT_NS}, "ASIDE": frozenset({"shown"})},
     DscExecutor: {"INSTANTS": {"_last_frame_ns": SECOND}},
     Homing: {"INSTANTS": lambda item: {"_started": item._latency}},
     ModeSwitch: {"INSTANTS": {"since": MODE_CONFIRM_NS}, "PASSING": frozenset({"asked"})},
