@@ -182,6 +182,7 @@ class _Part:
             if not set(places).isdisjoint(self._compared):
                 self._compared = [i for i in self._compared if i not in places]
                 self._make_pick()
+                self.number = -1
             self._children = [*self._always, *(self.values[i] for i in places)]
         return self._children
 
@@ -254,6 +255,7 @@ class Checkpoints:
                 )
                 self._look([part])
                 waiting += part.children()
+                self._look([part])  # its content has another number if a part has come to the place of None
         self._tree = found
         parts = tuple(part for part in found.values() if part.names)
         if parts != self._parts:
