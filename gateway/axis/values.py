@@ -225,6 +225,10 @@ class Inputs:
     """They are configured, and their data is fresh."""
     news: list[News] = field(default_factory=list)
 
+    def position_follows(self, time: int) -> bool:
+        """The position was requested after ``time`` (monotonic ns), as far as it is read by SDO."""
+        return not self.position_asked_ns or self.position_asked_ns > time
+
 
 @dataclass(slots=True, eq=False)
 class Events:

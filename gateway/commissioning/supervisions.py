@@ -17,7 +17,7 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.polled import FAILURES
 from pdgw.ds301.node.polling import OLDEST_NS, POLL_NS
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
-from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS as SETPOINT_NS
+from pdgw.gateway.axis.executors.positions.handshake import ACKNOWLEDGE_NS as SETPOINT_NS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, EMERGENCY_PATIENCE_NS
 from pdgw.gateway.axis.supervision.polled_speed import ANSWERS

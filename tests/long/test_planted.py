@@ -9,7 +9,7 @@ import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.demand_report import OFFS, PowerWish
-from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
+from pdgw.gateway.axis.executors.positions.handshake import ACKNOWLEDGE_NS, Handshake
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
@@ -92,8 +92,8 @@ def homing_continues_without_its_bit(patch: Patch) -> None:
     )
 
 
-def setpoint_is_repeated(self: MotionExecutor, motion: Motion, given: int) -> bool:
-    overdue = self.inputs.now - self._set_at >= ACKNOWLEDGE_NS
+def setpoint_is_repeated(self: Handshake, motion: Motion, given: int) -> bool:
+    overdue = self._inputs.now - self.raised_at >= ACKNOWLEDGE_NS
     if overdue:
         self._seen.given = 0
     return overdue
@@ -174,11 +174,11 @@ PLANTED: dict[str, tuple[Case, Plant]] = {
     ),
     "handshake waits without a reason": (
         Narrow(9, tick_ns=LONG_TICK_NS),
-        replaced(MotionExecutor, "_await_acknowledge", lambda _: None),
+        replaced(Handshake, "_await", lambda _: None),
     ),
     "setpoint is repeated": (
         Narrow(7, tick_ns=LONG_TICK_NS),
-        replaced(MotionExecutor, "_replaces", setpoint_is_repeated),
+        replaced(Handshake, "is_replaced", setpoint_is_repeated),
     ),
     "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
 }

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.axis.executors.positions.halt import Halt
+from pdgw.gateway.axis.executors.positions.handshake import Handshake
 from pdgw.gateway.axis.executors.positions.homing import Homing
-from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.motion.basic_positioner import BasicPositioner
 from pdgw.gateway.motion.positioner import ACTIVATE
@@ -66,7 +67,7 @@ PLANTED: dict[str, tuple[Handshakes, Rule, Plant]] = {
     "a drive that goes on is not held": (
         Handshakes(110, Orders.TASKS, Character(keeps=True)),
         Rule.STOPS,
-        replaced(MotionExecutor, "_stays_halted", lambda _: False),
+        replaced(Halt, "_stays", lambda _: False),
     ),
     "intermediate stop ignored": (
         Handshakes(110, Orders.TASKS),
@@ -76,7 +77,7 @@ PLANTED: dict[str, tuple[Handshakes, Rule, Plant]] = {
     "no reason without an acknowledge": (
         Handshakes(110, Orders.TASKS, Character(signal=Signal.ANSWER, wrong=Wrong.NEVER)),
         Rule.WAITS,
-        replaced(MotionExecutor, "_await_acknowledge", lambda _: None),
+        replaced(Handshake, "_await", lambda _: None),
     ),
     "homing ends at once": (
         Handshakes(9, Orders.HOMING),

@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
+from pdgw.gateway.axis.executors.positions.handshake import ACKNOWLEDGE_NS
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from pdgw.gateway.motion.requests import PositionerChoices

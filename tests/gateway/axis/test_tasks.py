@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit
-from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
+from pdgw.gateway.axis.executors.positions.handshake import ACKNOWLEDGE_NS
 from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.reasons import Reason
 from tests.support.axis.hand import OFF, ON, OPERATING

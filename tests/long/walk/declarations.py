@@ -27,9 +27,10 @@ from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import Demand, MotionDemand, PowerWish, SpeedDemand
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.executor import LimitWatch
+from pdgw.gateway.axis.executors.positions.handshake import ACKNOWLEDGE_NS, Handshake
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
-from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
+from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
@@ -65,13 +66,14 @@ OF: Final[dict[type, dict[str, Any]]] = {
     # What it does at the end of a limit is done already.
     LimitWatch: {"INSTANTS": {"_since": LIMIT_LEFT_NS}, "ASIDE": frozenset({"shown"})},
     DscExecutor: {"INSTANTS": {"_last_frame_ns": SECOND}},
-    Homing: {"INSTANTS": lambda item: {"_started": item._latency}},
+    Handshake: {"INSTANTS": {"raised_at": ACKNOWLEDGE_NS, "blocked_at": ACKNOWLEDGE_NS}},
+    # No position of the walk is read by SDO.
+    Homing: {"INSTANTS": lambda item: {"_started": item._latency}, "ASIDE": frozenset({"_attained_at"})},
     ModeSwitch: {"INSTANTS": {"since": MODE_CONFIRM_NS}, "PASSING": frozenset({"asked"})},
     MotionExecutor: {
-        "INSTANTS": {"_set_at": ACKNOWLEDGE_NS, "_blocked_at": ACKNOWLEDGE_NS},
-        "PASSING": frozenset({"_position_objects", "_drive_scaling"}),
-        # No position of the walk is read by SDO; the last three are for the user alone.
-        "ASIDE": frozenset({"_attained_at", "_reaches_at", "_turned_at", "_function", "_function_since", "_home_lost"}),
+        "PASSING": frozenset({"_positions"}),
+        # No position of the walk is read by SDO; the last two are for the user alone.
+        "ASIDE": frozenset({"_reaches_at", "_turned_at", "_homing_since", "_home_lost"}),
     },
     PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},
     # No position of the walk is half of the numbers away from the one before: the count is the position.

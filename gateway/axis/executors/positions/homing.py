@@ -61,6 +61,10 @@ class Homing:
         """From the start until its answer: the bits of an earlier homing."""
         self._turned_ended = False
         """The axis turned while the drive showed that the homing has ended: its bits may be stuck."""
+        self._attained = 0
+        """Cycles since the drive said that it has its zero."""
+        self._attained_at = 0
+        """When it said so first."""
         self._stall = Stall(executor.settings.stall_ns)
 
     def require_method(self, method: int | None) -> bool:
@@ -117,6 +121,7 @@ class Homing:
         """An answer that still comes is to nothing."""
         self._answer = None
         self._writes = ()
+        self._attained = 0
         self._stall.step(False, 0, 0)
 
     def prepare(self) -> HomingResult:
@@ -137,6 +142,17 @@ class Homing:
         self._started = self._executor.inputs.now
         self._turned_ended = False
         return HomingResult.READY
+
+    def end(self, cycles: int) -> HomingResult:
+        """As ``run``, but ATTAINED only when the position counts from the new zero: ``cycles`` after the drive says so."""
+        progress, inputs = self.run(), self._executor.inputs
+        if progress is not HomingResult.ATTAINED:
+            return progress
+        self._attained += 1
+        if self._attained == 1:
+            self._attained_at = inputs.now
+        follows = self._attained > cycles and inputs.position_follows(self._attained_at)
+        return progress if follows else HomingResult.RUNNING
 
     def run(self) -> HomingResult:
         """While the drive homes.

@@ -11,15 +11,18 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pdgw.ds301.objects import CanType
-from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity, Scaling
+from pdgw.dsp402.drive_type import DriveType, Dsp402Error, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import Flag, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords, highest, known
+from pdgw.gateway.axis.executors.positions.drive_positions import DrivePositions
+from pdgw.gateway.axis.executors.positions.halt import HALT
+from pdgw.gateway.axis.executors.positions.handshake import ACKNOWLEDGED
 from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
 from pdgw.gateway.axis.executors.positions.limits import TorqueLimit, position_mode
-from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
+from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.fault_numbers import FaultNumber
@@ -111,14 +114,14 @@ class PositionerExecutor(MotionExecutor):
                 raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
             drive.entry("current_actual")  # without it a fixed stop is never detected
         self._window = length.to_drive(choices.position_window)
-        travel, limits = self._travel, self._ends
+        travel, limits, targets = self._travel, self._positions.ends, self._positions.targets
         travel.ends = scaling.range_source
-        if limits is None and self._target_range != CanType.I32.integer_range:
-            limits, travel.ends = self._target_range, "607Ah"
+        if limits is None and targets != CanType.I32.integer_range:
+            limits, travel.ends = targets, "607Ah"
         travel.positions = ENDLESS if limits is None else _in_length(length, limits)
-        travel.distances = _in_length(length, self._target_range)
+        travel.distances = _in_length(length, targets)
         travel.turn = _in_length(length, self._ring.turn)
-        travel.only_velocity = 0 if drive.has("profile_velocity") else choices.max_velocity
+        travel.only_velocity = 0 if self._positions.has_velocity else choices.max_velocity
 
     @property
     def clamps(self) -> bool:
@@ -127,9 +130,10 @@ class PositionerExecutor(MotionExecutor):
         fixed_stop = any(block.task is BlockTask.FIXED_STOP for block in choices.blocks)
         return fixed_stop or choices.clamping_torque is not None
 
-    def _ring_of(self, scaling: Scaling) -> Ring:
+    def _ring_of(self, positions: DrivePositions) -> Ring:
         """The ring for the position of this drive; Dsp402Error if it overflows at another value than the modulo range."""
-        ring, choices, counts = super()._ring_of(scaling), self.choices, scaling.counts_per_revolution
+        ring, choices, scaling = super()._ring_of(positions), self.choices, positions.scaling
+        counts = scaling.counts_per_revolution
         if not scaling.position_wraps or not choices.modulo or counts is None:
             return ring
         size = counts * choices.modulo / choices.lu_per_revolution
@@ -201,7 +205,7 @@ class PositionerExecutor(MotionExecutor):
         self._torque.follow(course.motion.torque if operating else None)
         if course.warning is not before or (before is not None and self._travel.evidence != self._why):
             self._warn(course.warning)
-        reached = positioner.reached and (not self._continued or self.stopped)
+        reached = positioner.reached and (not self._halt.continued or self._halt.axis_stopped)
         flags = Flag.STANDING if self.inputs.standstill else 0
         if reached or self._stop_reached(request):
             flags |= Flag.REACHED
@@ -243,14 +247,15 @@ class PositionerExecutor(MotionExecutor):
         if inputs & POSITIVE_LIMIT_SWITCH:
             bits |= Seen.POSITIVE_LIMIT
         executes = False
-        if self._set_at >= 0:
-            if self._read_acknowledge():
-                self._set_at = -1
+        handshake = self._handshake
+        if handshake.raised_at >= 0:
+            if handshake.read():
+                handshake.fall()
         elif not statusword & ACKNOWLEDGED and seen.taken == seen.given:
             # A waiting setpoint keeps the acknowledgement until the drive starts it.
             executes = True
             if seen.executing != seen.taken and self._mode.shows_base():
-                self._executes_next()
+                handshake.executes()
         return bits | self._read_arrival(executes=executes)
 
     # -- commands -------------------------------------------------------------------------------------------------------
@@ -261,36 +266,35 @@ class PositionerExecutor(MotionExecutor):
         assert units is not None, "cycles begin when the drive is known"
         if kind is _STAND:
             return self._ramp_down()
-        mode = self._mode
-        if self._crosses(motion) and not self.stopped and not self._released():
+        mode, handshake, halt = self._mode, self._handshake, self._halt
+        if self._crosses(motion) and not halt.axis_stopped and not halt.released:
             return self._slow_down()
         wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
-        if mode.mode != wanted and not self.inputs.standstill and not self._released():
+        if mode.mode != wanted and not self.inputs.standstill and not halt.released:
             return self._slow_down()
-        if mode.mode == wanted and self._continues_in_base_mode():
+        if mode.mode == wanted and halt.keeps_mode:
             mode.request(wanted)
             return HALT
-        if mode.halted and not (kind is _HOMING and self._halted):
+        if mode.halted and not (kind is _HOMING and halt.has_stopped):
             return 0  # reset Halt alone: a setpoint or a mode together with it is not allowed
         if kind is _HOMING:
             return self._home_axis(motion)
         confirmed = mode.request(wanted)
         if kind is not _POSITION:
-            self._set_at = -1  # replaced before its acknowledge
+            handshake.fall()  # replaced before its acknowledge
             if confirmed:
                 self._turn(motion, units)
             return 0
-        if self._set_at >= 0:
+        if handshake.raised_at >= 0:
             # One edge for each task: the bit stays until the acknowledge, also while the drive shows another mode.
-            if not self._replaces(motion, max(self._seen.given, self._anchored)):
-                return self._bits | NEW_SETPOINT
-            self._set_at = -1
-            return self._bits
+            if handshake.is_replaced(motion, max(self._seen.given, self._anchored)):
+                handshake.fall()
+            return handshake.bits
         if not confirmed:
             return 0
         if motion.serial != self._seen.given:
             self._send_setpoint(motion, units)
-        return self._bits if self._set_at < 0 else self._bits | NEW_SETPOINT
+        return handshake.bits
 
     def _crosses(self, motion: Motion) -> bool:
         """An absolute setpoint that was not given yet leads across an end of what the drive shows."""
@@ -302,31 +306,31 @@ class PositionerExecutor(MotionExecutor):
 
     def _slow_down(self) -> int:
         """Decelerate to standstill in the present mode."""
-        self._set_at = -1
+        self._handshake.fall()
         self.command.target_velocity = 0
         if self._mode.mode == _VELOCITY_MODE:
             return 0
-        return self._halt()
+        return self._halt.begin()
 
     def _ramp_down(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
-        mode, positioner = self._mode, self._basic
+        mode, positioner, halt = self._mode, self._basic, self._halt
         kept = positioner.state not in _WITHOUT_FUNCTION
         if kept:
-            self._set_at = -1
+            self._handshake.fall()
         else:
             self._seen.given = positioner.course.motion.serial
-            self._end_set_point()
+            self._handshake.end()
         if mode.mode == _VELOCITY_MODE:
             self.command.target_velocity = 0
-            return HALT if self._continues_in_base_mode() else 0
-        if mode.mode == _HOMING_MODE and (self.inputs.standstill or self._released()):
+            return HALT if halt.keeps_mode else 0
+        if mode.mode == _HOMING_MODE and (self.inputs.standstill or halt.released):
             if not mode.halted:
                 mode.request(mode.base)
             return 0
         if not kept:
-            return self._rest()
-        return self._halt()
+            return halt.rest()
+        return halt.begin()
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
         command, goal, (_, highest_acceleration, highest_deceleration) = self.command, motion.goal, self._limits
@@ -348,12 +352,12 @@ class PositionerExecutor(MotionExecutor):
             self._set_ramps(motion, units)
             self.command.target_velocity = self._velocity(motion, units)
             seen.given = seen.taken = seen.executing = motion.serial
-            self._rested = False
+            self._halt.rested = False
 
     def _send_setpoint(self, motion: Motion, units: LengthUnits) -> None:
         """Send a setpoint when the drive is free for it and has the torque limit."""
-        if not self._free:
-            self._blocked = abs(units.velocity(motion.goal.velocity, motion.override))
+        if not self._handshake.free:
+            self._handshake.blocked = abs(units.velocity(motion.goal.velocity, motion.override))
             return
         if not self._torque.holds(motion.torque):
             self.outputs.reason = Reason.TORQUE_LIMIT

@@ -11,9 +11,11 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.demand_report import Flag, Report
 from pdgw.gateway.axis.executors.executor import AxisRecords
+from pdgw.gateway.axis.executors.positions.halt import HALT
+from pdgw.gateway.axis.executors.positions.handshake import NEW_SETPOINT
 from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
 from pdgw.gateway.axis.executors.positions.limits import TaskScaling, base_mode
-from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
+from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.mdi import MdiPositioner
@@ -72,7 +74,9 @@ class PositioningExecutor(MotionExecutor):
         flags = Flag.STANDING if self.inputs.standstill else 0
         if self._seen.bits & Seen.OPERATING:
             reason = self.outputs.reason or mdi.course.warning
-            waits = mdi.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
+            waits = (
+                mdi.state is _IDLE and self.inputs.standstill and (not self._halt.continued or self._halt.axis_stopped)
+            )
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= Flag.REACHED
                 reason = reason or mdi.reason_of_ignored()
@@ -81,7 +85,7 @@ class PositioningExecutor(MotionExecutor):
         if mdi.home_set:
             flags |= Flag.HOME_SET
         if not homes:
-            if self._acknowledged and self._acknowledges and not mdi.course.waits:
+            if self._handshake.acknowledged and self._handshake.shown and not mdi.course.waits:
                 flags |= Flag.TASK_ACKNOWLEDGED
             enabled = self.interlock.cell.action in _ENABLED
             self._active = enabled and self._asked.connected and request.commands & _MDI_SELECTED != 0
@@ -127,53 +131,50 @@ class PositioningExecutor(MotionExecutor):
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
     def _read_state(self) -> int:
-        seen = self._seen
+        seen, handshake = self._seen, self._handshake
         seen.position = self._ring.follow(self.feedback.position_actual)
-        stopped = Seen.STOPPED if self._rests else 0
-        if self._set_at >= 0 and seen.taken != seen.given and self._read_acknowledge():
-            self._executes_next()
+        stopped = Seen.STOPPED if self._halt.may_fall else 0
+        if handshake.raised_at >= 0 and seen.taken != seen.given and handshake.read():
+            handshake.executes()
         return stopped | self._read_arrival(executes=seen.taken == seen.given)
 
     def _execute(self, before: State, reason: Reason | None) -> int:
         mode, outputs, course, state = self._mode, self.outputs, self._mdi.course, self._mdi.state
-        motion, goal = course.motion, course.goal
+        motion, goal, handshake, halt = course.motion, course.goal, self._handshake, self._halt
         if before is _BRAKING or reason is not None:
             outputs.reason = reason
         if state is _HOMING:
             return self._home_as_asked(motion)
         if state is _BRAKING:
-            self._end_set_point()
-            return self._halt()
+            handshake.end()
+            return halt.begin()
         if before is _HOMING:
             if self._seen.homing is not HomingResult.RUNNING:
                 outputs.end_warnings(TASK_WARNINGS)
-            self._end_set_point()
+            handshake.end()
             mode.abandon()
-        if state is _IDLE and (before is _IDLE or mode.halted) and self._rest():
+        if state is _IDLE and (before is _IDLE or mode.halted) and halt.rest():
             return HALT
         if goal is not None and motion.kind is MotionKind.STAND:
             return HALT | self._interrupted(goal)
         if mode.halted:
             # Reset Halt alone; a new setpoint or a mode together with it is not allowed.
             self._resumed_at = self._seen.position
-            self._end_set_point()
+            handshake.end()
         else:
             self._shake_hands(motion, goal)
         if state is _IDLE and before is not _BRAKING and mode.mode != mode.base:
             mode.request(mode.base)
-        return self._word_bits()
-
-    def _word_bits(self) -> int:
-        return self._bits if self._set_at < 0 else self._bits | NEW_SETPOINT
+        return handshake.bits
 
     def _interrupted(self, goal: Goal) -> int:
         """An intermediate stop: the handshake ends; one of a goal that is replaced is over."""
+        handshake = self._handshake
         if self._mdi.course.waits:
-            self._bits = self._bits_of(goal)
-            self._set_at = -1
+            handshake.announce(self._bits_of(goal))
         elif self._may_fall():
-            self._set_at = -1
-        return self._word_bits()
+            handshake.fall()
+        return handshake.bits
 
     def _may_fall(self) -> bool:
         """CW.4 stays until the drive has taken the task and STW1.6 falls, or another task waits."""
@@ -182,15 +183,16 @@ class PositioningExecutor(MotionExecutor):
 
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
         """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
-        if self._set_at >= 0:
+        handshake = self._handshake
+        if handshake.raised_at >= 0:
             if self._may_fall():
-                self._set_at = -1
-            elif self._replaces(motion, self._seen.given):
-                self._set_at = -1
+                handshake.fall()
+            elif handshake.is_replaced(motion, self._seen.given):
+                handshake.fall()
                 self.outputs.end_warnings(TASK_WARNINGS)
         elif goal is not None and self._mdi.course.waits:
-            self._blocked = 0 if self._free else goal.velocity
-            if not self._blocked and self._mode.request(self._mode.base):
+            handshake.blocked = 0 if handshake.free else goal.velocity
+            if not handshake.blocked and self._mode.request(self._mode.base):
                 self._send_setpoint(motion, goal)
 
     def _send_setpoint(self, motion: Motion, goal: Goal) -> None:
@@ -199,7 +201,7 @@ class PositioningExecutor(MotionExecutor):
         target = goal.target if goal.distance is None else goal.distance
         if goal.distance is None and self._is_relative(goal):
             target -= self._resumed_at
-        elif goal.distance is None and (self._turntable or self._ends is None):
+        elif goal.distance is None and (self._turntable or self._positions.ends is None):
             target = self._ring.shown(target)
         self._set_point(target, goal.velocity, self._bits_of(goal))
         self._seen.given = motion.serial
@@ -207,7 +209,7 @@ class PositioningExecutor(MotionExecutor):
     def _is_relative(self, goal: Goal) -> bool:
         """Whether the drive gets a way: that of a relative task, and its rest on a turntable or over a wrap."""
         first, last = self._ring.turn
-        over = self._ends is None and not first <= goal.target <= last
+        over = self._positions.ends is None and not first <= goal.target <= last
         return goal.distance is not None or (goal.relative and (self._turntable or over))
 
     def _bits_of(self, goal: Goal) -> int:
@@ -229,15 +231,15 @@ class PositioningExecutor(MotionExecutor):
         """Homing with method and velocity of its edge; CW.4 stays after its end until STW1.11 falls."""
         seen, homing, scaling = self._seen, self._mdi.homing, self._scaling
         if seen.given != motion.serial and homing is not None and scaling is not None:
-            self._end_set_point()
+            self._handshake.end()
             method, velocity = homing
             return self._home(motion, method, self.limited(scaling.velocity, velocity))
         if seen.homing is HomingResult.RUNNING:
-            if self._continues_in_base_mode():
+            if self._halt.keeps_mode:
                 self._mode.request(Mode.HOMING)
                 return HALT
             return self._home(motion, 0, None)
         if seen.homing is HomingResult.ATTAINED:
             return NEW_SETPOINT
         self.outputs.reason = self.homing.failure
-        return self._halt_before_homing()
+        return self._halt.before_homing()
