@@ -103,7 +103,7 @@ class Handshake:
         """The handshake is over: whether the drive has acknowledged makes no more difference."""
         seen = self._seen
         seen.taken = seen.executing = seen.given
-        self.setpoint, self.raised_at, self.acknowledged = Setpoint(0, self.setpoint.velocity_before), -1, False
+        self.setpoint, self.raised_at, self.acknowledged = NO_SETPOINT, -1, False
         self.arrival.command(self._inputs.now)
 
     def read(self) -> bool:
