@@ -27,7 +27,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, INTERNAL_FAULT, FaultNumber, warning_bits
+from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, EMCY_WARNING, INTERNAL_FAULT, FaultNumber, warning_bits
 from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.encoder import EncoderControl, PresetRequest, speed_normalisation
 from pdgw.profidrive.errors import ProfidriveError
@@ -176,7 +176,7 @@ class EncoderMachine:
         speed = self._step_speed(ok, cause) if self._speed is not None else 0
         if not self.in_error:
             outputs.warned = 0
-        outputs.warning = outputs.warned | self._node.warning
+        outputs.warning = outputs.warned | EMCY_WARNING if self._node.warnings else outputs.warned
         if channel.check.deviates:
             outputs.warning |= _DEVIATES
         if ok and source.warnings:

@@ -61,7 +61,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, SET_NAMED, FaultNumber, warning_bits
+from pdgw.gateway.base.fault_numbers import DEVICE_WARNING, EMCY_WARNING, SET_NAMED, FaultNumber, warning_bits
 from pdgw.gateway.base.reasons import Reason
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.sensor_states import SensorError
@@ -330,7 +330,9 @@ class AxisMachine:
 
     def _warnings(self) -> int:
         """P953."""
-        warning = self.outputs.warned | self._node.warning | self._evidence.warning
+        warning = self.outputs.warned | self._evidence.warning
+        if self._node.warnings:
+            warning |= EMCY_WARNING
         if self.inputs.drive_ok and self.inputs.feedback.statusword & StatusBit.WARNING:
             warning |= DEVICE_WARNING
         if self.inputs.set_point_refused:

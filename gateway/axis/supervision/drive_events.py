@@ -19,7 +19,7 @@ from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import CANOPEN_ERRORS, FaultRead, FaultRecord, Outputs, gateway_fault
-from pdgw.gateway.base.fault_numbers import EMCY_WARNING, INTERNAL_FAULT, By, FaultNumber
+from pdgw.gateway.base.fault_numbers import INTERNAL_FAULT, By, FaultNumber
 
 K = TypeVar("K")
 SAME_EVENT_NS: Final = SECOND
@@ -125,8 +125,9 @@ class NodeWatch:
         self.proven = proven
         self.unproven: list[FaultRecord] = []
         """EMCY whose fault the drive may still show, the oldest first."""
-        self._warnings: dict[int, FaultRecord] = {}
-        """EMCY that are warnings, by error code, each as it came last."""
+        self.warnings: dict[int, FaultRecord] = {}
+        """EMCY that are warnings, by error code, each as it came last: until the device reports the end of its errors, or an
+        acknowledge."""
         self.set_drive(MappingProxyType({}), MappingProxyType({}))
         self._absent = False
         self._refusal = ""
@@ -152,12 +153,7 @@ class NodeWatch:
     def acknowledged(self) -> None:
         """The fault buffer has moved on: an EMCY that comes again is a new fault."""
         self._emergencies.clear()
-        self._warnings.clear()
-
-    @property
-    def warning(self) -> int:
-        """The bit of P953 for EMCY that are warnings: until the device reports the end of its errors, or an acknowledge."""
-        return EMCY_WARNING if self._warnings else 0
+        self.warnings.clear()
 
     def process(self, notice: NodeNotice) -> None:
         """One notice of the node."""
@@ -206,18 +202,18 @@ class NodeWatch:
             return
         if code == 0:
             self.step(None)
-            self._warnings.clear()
+            self.warnings.clear()
             ended = [f"EMCY {kind[0]:04X}h: {_more(count)}" for kind, count in self._emergencies.clear()]
             self._outputs.no_drive_error()
             self._log(notice.text + (f" ({', '.join(ended)})" if ended else ""))
             return
         self.set_error_code(code)
-        if code in self._warnings:
-            self._warnings[code] = replace(self._warnings[code], time_ns=now)
+        if code in self.warnings:
+            self.warnings[code] = replace(self.warnings[code], time_ns=now)
         # The data may be a counter: another one is not another fault.
         kind = code, self.proven and notice.register != 0
         if not self._emergencies.is_new(kind, now):
-            if code not in self._warnings:
+            if code not in self.warnings:
                 self.last_fault = now
             return
         number, text = CANOPEN_FAULT if code in CANOPEN_ERRORS else INTERNAL_FAULT, notice.text
@@ -237,10 +233,10 @@ class NodeWatch:
         if not record.is_warning:
             self.last_fault = record.time_ns
         else:
-            self._warnings.pop(record.code, None)
-            self._warnings[record.code] = record
-            if len(self._warnings) > EMERGENCIES_KEPT:
-                del self._warnings[next(iter(self._warnings))]
+            self.warnings.pop(record.code, None)
+            self.warnings[record.code] = record
+            if len(self.warnings) > EMERGENCIES_KEPT:
+                del self.warnings[next(iter(self.warnings))]
         self._outputs.fault(record)
 
     def step(self, now: int | None) -> None:
@@ -251,10 +247,10 @@ class NodeWatch:
 
     def prove(self, since: int) -> None:
         """The drive shows a fault: the EMCY that came last after ``since`` are faults."""
-        shown = [*self.unproven, *(record for record in self._warnings.values() if record.time_ns >= since)]
+        shown = [*self.unproven, *(record for record in self.warnings.values() if record.time_ns >= since)]
         self.unproven.clear()
         for record in shown:
-            self._warnings.pop(record.code, None)
+            self.warnings.pop(record.code, None)
             self._emergencies.is_new((record.code, True), record.time_ns)
             self._report(replace(record, is_warning=False))
 

@@ -101,7 +101,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
                 "last_fault",
                 "proven",
                 "unproven",
-                "_warnings",
+                "warnings",
                 "_refusal",
                 "_absent",
                 "restart_asked",
