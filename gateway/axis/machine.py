@@ -5,20 +5,14 @@ Daemon, replay and tests drive this one machine. Source: docs/translation.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from fractions import Fraction
-from functools import partial
 from typing import Final
 
-from pdgw.base.durations import SECOND
 from pdgw.ds301.aborts import CanopenError
 from pdgw.ds301.node.node import NodeNotice, Notice
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, State, StatusBit, enables
-from pdgw.gateway.axis.adapters.adapter import POWER_BITS, WISHES
-from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
+from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, State, StatusBit, enables
+from pdgw.gateway.axis.adapters.adapter import POWER_BITS, STOPS_WITHOUT_PLC
 from pdgw.gateway.axis.demand_report import (
     SHOWN_FAULT,
     SHOWN_STATE,
@@ -29,23 +23,19 @@ from pdgw.gateway.axis.demand_report import (
     PowerWish,
     Report,
 )
-from pdgw.gateway.axis.executors.dsc import DscExecutor
-from pdgw.gateway.axis.executors.executor import AxisRecords, Executor
-from pdgw.gateway.axis.executors.positions.tasks import PositionerExecutor
-from pdgw.gateway.axis.executors.positions.telegram_9 import PositioningExecutor
-from pdgw.gateway.axis.executors.raw import RawExecutor
-from pdgw.gateway.axis.executors.sensor import NO_SENSOR, DriveSensor, EncoderReferences, SecondDriveSensor, SensorWords
-from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.executors.torque import DriveWords, TorqueExecutor
+from pdgw.gateway.axis.executor_table import EXECUTORS
+from pdgw.gateway.axis.executors.executor import AxisRecords
+from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorWords, make_sensors
+from pdgw.gateway.axis.executors.torque import DriveWords
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.orders import Brake, Order
+from pdgw.gateway.axis.orders import Order
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Phase
-from pdgw.gateway.axis.settings import AxisSettings, LastStop, Missing, SecondSensor, missing, needed_quantities
+from pdgw.gateway.axis.settings import AxisSettings, Missing, missing, needed_quantities
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
+from pdgw.gateway.axis.supervision.order_watch import OrderWatch
 from pdgw.gateway.axis.supervision.polled_speed import PolledSpeed
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
-from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
 from pdgw.gateway.axis.supervision.torque_evidence import TorqueEvidence
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
@@ -74,37 +64,7 @@ _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _PASS: Final = Action.PASS
 _HOLD: Final = PowerWish.HOLD
-_NO_ORDER, _ZERO, _HALT, _STANDSTILL = Order.NONE, Order.ZERO, Order.HALT, Order.STANDSTILL
-_MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
-_BRAKES: Final = {
-    Brake.NONE: "the gateway commands Quick Stop",
-    Brake.NMT_STOP: "the gateway has stopped the node (NMT)",
-    Brake.WITHHOLD_HEARTBEAT: "the gateway withholds its heartbeat",
-}
-_RAMP_OVER: Final[dict[PowerWish | None, PowerWish]] = {
-    None: PowerWish.NO_PLC_QUICK_STOP,
-    PowerWish.NO_PLC_RAMP: PowerWish.NO_PLC_QUICK_STOP,
-    PowerWish.OFF_DISABLED: PowerWish.QUICK_STOP_DISABLED,
-    PowerWish.OFF: PowerWish.QUICK_STOP,
-    PowerWish.ENABLE: PowerWish.QUICK_STOP,
-    PowerWish.HOLD: PowerWish.QUICK_STOP,
-    PowerWish.STOP: PowerWish.QUICK_STOP,
-}
-"""The quick stop in the place of a request under which a ramp stop continues."""
-_STOPS_WITHOUT_PLC: Final = {
-    PowerWish.COAST: PowerWish.NO_PLC_COAST,
-    PowerWish.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
-    PowerWish.QUICK_STOP_DISABLED: PowerWish.NO_PLC_QUICK_STOP,
-}
-_EXECUTORS: dict[Kind, Callable[[AxisRecords], Executor]] = {
-    Kind.SPEED: SpeedExecutor,
-    Kind.DSC: DscExecutor,
-    Kind.LOAD: SpeedExecutor,
-    Kind.TORQUE: TorqueExecutor,
-    Kind.POSITIONING: PositioningExecutor,
-    Kind.POSITIONER: PositionerExecutor,
-    Kind.RAW: partial(RawExecutor, setpoints=SETPOINT_ATTRIBUTES, actuals=ACTUAL_ATTRIBUTES),
-}
+_NO_ORDER: Final = Order.NONE
 
 
 class AxisMachine:
@@ -124,20 +84,8 @@ class AxisMachine:
         self.interlock = Interlock(settings)
         self._guard = EnableGuard()
         records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.outputs)
-        self.executor = _EXECUTORS[kind](records)
-        first_words, second_words = self.adapter.sensors
-        self.sensor = SensorWords(0, DriveSensor(feedback), first_words) if first_words[0] >= 0 else None
-        self.second_sensor = second = None
-        if settings.second_sensor is not SecondSensor.NONE and second_words[0] >= 0:
-            self.second_sensor = second = SensorWords(1, SecondDriveSensor(feedback), second_words)
-        elif second_words[0] >= 0:
-            actuals, first = self.outputs.actuals, second_words[1]
-            actuals[first : first + len(NO_SENSOR)] = NO_SENSOR
-        if self.sensor is not None:
-            self.sensor.channel.set_references(self.sensor.own.references)
-            self.sensor.measure(possible=not settings.g1_is_encoder)
-        if second is not None and settings.second_sensor is SecondSensor.DRIVE:
-            second.channel.set_references(second.own.references)
+        self.executor = EXECUTORS[kind](records)
+        self.sensor, self.second_sensor = make_sensors(settings, self.adapter.sensors, feedback, self.outputs.actuals)
         places = self.adapter.message, self.adapter.load, self.adapter.codes
         self._words = DriveWords(*places) if max(places) >= 0 else None
         self._node = NodeWatch(self.outputs, proven=False)
@@ -146,16 +94,10 @@ class AxisMachine:
         has_life = "STW2" in self.telegram.setpoints.names
         self.life = SignOfLifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._evidence = evidence = TorqueEvidence(self.inputs, self.outputs)
-        disables = settings.last_stop is LastStop.DISABLE_VOLTAGE
-        self._stop = StopWatch(
-            settings.reaction_ns, settings.stop_time_ns, settings.enter_ns, evidence, disables=disables
-        )
+        self._orders = OrderWatch(settings, self.interlock, self.inputs, self.outputs, evidence)
+        self._stop = self._orders.stop
         self._check = VelocityCheck(settings.stop_time_ns, evidence)
-        self._polled = PolledSpeed(self.inputs, settings.reaction_ns, settings.stop_time_ns)
-        self._order: Order = Order.NONE
-        """That of the setpoint or of Halt, in operation."""
-        self._brakes = True
-        """A setpoint came inside the standstill window, or operation began, and the shaft has not been at standstill since."""
+        self._polled = PolledSpeed(self.inputs, self.outputs, settings.reaction_ns, settings.stop_time_ns)
         self._late = False
         """The drive does not follow an order in time."""
         self.lags_since = 0
@@ -171,10 +113,6 @@ class AxisMachine:
         """The drive is known: what 100 % is, and that it has the modes of the telegram."""
         self.in_fault = True
         """The drive is in fault, lost, or not known well enough. Beside this, ZSW1.3 shows faults that are not acknowledged."""
-        self._window = self._rest = 0
-        """Standstill, and the highest speed that a setpoint inside it may leave: an inverter has a minimum speed."""
-        self._per_rpm: Fraction | None = None
-        """Velocity units of 1 rpm; None if unknown."""
         self._control_lost = False
         """The PLC removed its control in operation and has not returned it."""
 
@@ -211,13 +149,13 @@ class AxisMachine:
 
     def needs_last_stop(self, velocity: int) -> bool:
         """Whether a drive that turns at this speed after an NMT stop must get Disable Voltage."""
-        return self.usable and self._stop.needs_last_stop(velocity, self._window, self.inputs.now)
+        return self.usable and self._stop.needs_last_stop(velocity, self._orders.window, self.inputs.now)
 
     @property
     def unstopped_since(self) -> int:
         """Since when the drive has turned against its stops, when none is left; 0 otherwise."""
         inputs, stop = self.inputs, self._stop
-        unstopped = stop.is_unstopped(inputs.feedback.velocity_actual, self._window, inputs.now)
+        unstopped = stop.is_unstopped(inputs.feedback.velocity_actual, self._orders.window, inputs.now)
         return stop.ignored_at if unstopped and inputs.drive_ok else 0
 
     @property
@@ -271,7 +209,7 @@ class AxisMachine:
                 wish = self._read_polled_speed(wish)
                 standstill = inputs.standstill and self.interlock.cell.order is not _NO_ORDER
             else:
-                window = self._window
+                window = self._orders.window
                 inputs.standstill = standstill = -window <= feedback.velocity_actual <= window
             condition = None if inputs.drive_ok else Drive.LOST
         else:
@@ -283,17 +221,11 @@ class AxisMachine:
 
     def _read_polled_speed(self, wish: PowerWish | None) -> PowerWish | None:
         """Standstill by answers to requests after the last order. A ramp that lasts too long with an unknown speed: OFF3."""
-        inputs, polled, interlock, command = self.inputs, self._polled, self.interlock, self.outputs.command
-        polled.step(interlock.cell.order, command.controlword, command.target_velocity, self._window)
+        polled, interlock, command = self._polled, self.interlock, self.outputs.command
+        polled.step(interlock.cell.order, command.controlword, command.target_velocity, self._orders.window)
         if self._follows_speed and polled.is_old:
             self._late = True
-        over = polled.ramps_blindly(self._stop.reference, ramps=interlock.phase is Phase.RAMP_STOP)
-        if not over or wish not in _RAMP_OVER:
-            return wish
-        age = (inputs.now - inputs.speed_asked_ns) / SECOND
-        detail = f"606Ch by SDO is {age:.1f} s old, and the ramp must have ended: the gateway commands Quick Stop"
-        self.outputs.found.append((FaultNumber.STOP_IGNORED, detail))
-        return _RAMP_OVER[wish]
+        return polled.request(wish, self._stop.reference, ramps=interlock.phase is Phase.RAMP_STOP)
 
     def _step_motion(self, known: bool, wish: PowerWish | None) -> tuple[Reason | None, int, Report]:
         """The command to the drive and what it shows: why the axis does not do what the PLC requests, all flags, the values."""
@@ -358,7 +290,7 @@ class AxisMachine:
             speeds = self.executor.speeds()
             asked = inputs.speed_asked_ns or now
             found = self._check.step(speeds, velocity, feedback.position_actual, inputs.position_ns, asked)
-            self._order = self._order_in_operation(command.controlword, speeds)
+            self._orders.read_setpoint(command.controlword, speeds, self.executor.slowest)
             self._late = self._stop.late or self._check.is_late(now)
             self.lags_since = self._check.lags_since(now)
             if self._evidence.warning:
@@ -379,27 +311,15 @@ class AxisMachine:
             drive.step(self._node, now)
         order = cell.order
         if order:
-            self._brakes, self._order = True, _NO_ORDER
+            self._orders.begin()
         elif action is _ENABLE_OPERATION:
-            order = self._order
+            order = self._orders.order
         if order or self._stop.began >= 0:
-            self._watch_stops(order)
+            if self._orders.step(order) is FaultNumber.VELOCITY:
+                self.units_contradicted = True
+            self._late = self._stop.late
         if self.demand.acknowledge or self.acknowledgement.waits:
             self._acknowledge()
-
-    def _order_in_operation(self, controlword: int, speeds: tuple[int, int] | None) -> Order:
-        """That of Halt, or of a speed setpoint inside the standstill window. ``speeds``: those of the executor."""
-        if controlword & ControlBit.HALT:
-            return _STANDSTILL if self.outputs.warned & _MOVES else _HALT
-        velocity, slowest, before = self.inputs.feedback.velocity_actual, self.executor.slowest, self._rest
-        self._rest = rest = self._window + slowest + slowest // 2
-        if speeds is None or speeds[0] != speeds[1] or not -rest <= speeds[0] <= rest or rest < before:
-            self._brakes = True
-        elif -rest <= velocity <= rest:
-            self._brakes = False
-        elif self._brakes:
-            return _ZERO
-        return _NO_ORDER
 
     def _acknowledge(self) -> None:
         """The fault buffer moves on when the PLC acknowledged, and the drive has left its fault."""
@@ -413,42 +333,6 @@ class AxisMachine:
             self._drive.acknowledged()
             self.units_contradicted = False
 
-    def _watch_stops(self, order: Order) -> None:
-        """The drive must leave the state that it shows, and must brake; after a stop it must not turn without power."""
-        inputs, outputs, stop = self.inputs, self.outputs, self._stop
-        window = self._rest if order is _ZERO else self._window
-        feedback, now = inputs.feedback, inputs.now
-        velocity, position = feedback.velocity_actual, feedback.position_actual
-        velocity_ns = inputs.speed_asked_ns or now
-        if order is Order.ENTER or (order and not outputs.known_off):
-            state = STATE_OF_STATUS[feedback.statusword & STATE_MASK]
-            fault = stop.step(
-                order,
-                state,
-                inputs.drive_ok,
-                inputs.node_stopped,
-                velocity,
-                velocity_ns,
-                position,
-                inputs.position_ns,
-                window,
-                now,
-                standstill_unknown=inputs.standstill_unknown,
-            )
-            if fault is not None:
-                self._report_stop(order, fault)
-            if stop.last and self.interlock.phase is not Phase.COAST:
-                self.interlock.disable_voltage(now)
-        elif stop.began >= 0:
-            if not outputs.known_off or not inputs.drive_ok:
-                stop.over()
-            elif stop.coast(velocity, window, velocity_ns):
-                outputs.found.append((FaultNumber.TURNS_OFF, f"speed {velocity}"))
-        if stop.late and inputs.standstill:
-            stop.late = False
-        self._late = stop.late
-        outputs.brake = stop.brake
-
     def _write_notes(self, reason: Reason | None) -> None:
         """The reason, and what this step has found."""
         outputs = self.outputs
@@ -461,25 +345,6 @@ class AxisMachine:
             for number, detail in outputs.found:
                 outputs.fault(gateway_fault(number, detail, self.inputs.now))
             outputs.found.clear()
-
-    def _report_stop(self, order: Order, number: FaultNumber) -> None:
-        """The drive does not follow an order: the next brake, and a fault."""
-        if order in QUICK_STOPS:
-            self.interlock.distrust(self.inputs.now)
-        if number is FaultNumber.VELOCITY:
-            self.units_contradicted = True
-        feedback, velocity = self.inputs.feedback, self.inputs.feedback.velocity_actual
-        speed = f"{float(velocity / self._per_rpm):g} rpm" if self._per_rpm else f"speed {velocity}"
-        after = f"{speed} after {(self.inputs.now - self._stop.began) / SECOND:.1f} s"
-        words = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h"
-        brake = _BRAKES[self._stop.brake]
-        if self._stop.last:
-            brake = "the gateway commands Disable Voltage"
-        detail = f"{after}, {brake} ({words})"
-        if order is Order.ENTER:
-            shown = f"Enable Operation, Statusword {feedback.statusword:04X}h"
-            detail = f"{after} of {shown}"
-        self.outputs.found.append((number, detail))
 
     def _stop_unasked(self, now: int) -> None:
         """The last line: an Enable Operation that the PLC did not ask for is not sent."""
@@ -502,7 +367,7 @@ class AxisMachine:
         """OFF2 or OFF3 in a frame that does not count otherwise: without control after a loss, without sign of life, or while
         the gateway stops."""
         setpoints = self.inputs.setpoints
-        return None if setpoints is None else _STOPS_WITHOUT_PLC.get(WISHES[setpoints[0] & POWER_BITS])
+        return None if setpoints is None else STOPS_WITHOUT_PLC[setpoints[0] & POWER_BITS]
 
     def _step_sensors(self, sensor: SensorWords) -> None:
         inputs, outputs, demand, second = self.inputs, self.outputs, self.demand, self.second_sensor
@@ -575,15 +440,11 @@ class AxisMachine:
             text, remedy = (lacks.why, lacks.remedy or SET_NAMED) if lacks.why else (refusal, "")
             self.outputs.fault(gateway_fault(FaultNumber.REFERENCE, text, self.inputs.now, remedy=remedy))
             return
-        self._per_rpm = drive.scaling.velocity_per_rpm
-        speed = drive.scaling.reference(Quantity.SPEED)
-        self._window = max(1, int(speed * self.settings.standstill_window))
-        self._check.set_drive(drive.scaling, self._window)
-        self._stop.set_drive(int(speed), self._check.counts_per_unit, drive.scaling.position_span)
+        window = max(1, int(drive.scaling.reference(Quantity.SPEED) * self.settings.standstill_window))
+        self._check.set_drive(drive.scaling, window)
+        self._orders.set_drive(drive.scaling, window, self._check.counts_per_unit)
         if self._words is not None:
             self._words.set_drive(drive)
-        sensor, span = self.sensor, drive.scaling.position_span
-        if sensor is not None and not self.settings.g1_is_encoder and sensor.own.references.total_range != span:
-            sensor.own.references = replace(sensor.own.references, total_range=span)
-            sensor.channel.set_references(sensor.own.references)
+        if self.sensor is not None and not self.settings.g1_is_encoder:
+            self.sensor.set_span(drive.scaling.position_span)
         self.usable = True

@@ -35,6 +35,13 @@ def _wish(word: int) -> PowerWish:
 
 WISHES: Final = tuple(_wish(word) for word in range(POWER_BITS + 1))
 """The power wish by bits 0-3 of STW1 (docs/translation.md "States")."""
+_STOPS: Final = {
+    PowerWish.COAST: PowerWish.NO_PLC_COAST,
+    PowerWish.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
+    PowerWish.QUICK_STOP_DISABLED: PowerWish.NO_PLC_QUICK_STOP,
+}
+STOPS_WITHOUT_PLC: Final = tuple(_STOPS.get(wish) for wish in WISHES)
+"""The stop of a frame that does not count otherwise, by bits 0-3 of STW1; None: it has none."""
 
 
 _SERVED_ELSEWHERE: Final = frozenset({"STW2", "ZSW2", *USER_WORDS, "RESERVED", "RESERVED_2"})

@@ -7,7 +7,7 @@ encoder's owner hands in.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Final
 
@@ -18,6 +18,7 @@ from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
 from pdgw.gateway.axis.demand_report import Demand
+from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.supervision.encoder_speed import EncoderSpeedCheck
 from pdgw.gateway.axis.values import EncoderInput, Inputs, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
@@ -231,6 +232,12 @@ class SensorWords:
         """Whether the sensor is the drive's own, which may latch positions."""
         self.channel.sensor.measuring = Measuring() if possible else None
 
+    def set_span(self, span: int) -> None:
+        """Set the number of different positions of the drive, whose sensor this is."""
+        if self.own.references.total_range != span:
+            self.own.references = replace(self.own.references, total_range=span)
+            self.channel.set_references(self.own.references)
+
     def probed(self, answer: ProbeAnswer) -> None:
         """Process an answer of the touch probe. An answer to a withdrawn request is ignored."""
         sensor, search = self.channel.sensor, self._search
@@ -276,3 +283,26 @@ class SensorWords:
             # No position has arrived yet, but the drive's IOPS may be good: not stored, it ends with the first position.
             values = SENSOR_STATUS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
         actuals[self._status : self._status + len(values)] = values
+
+
+def make_sensors(
+    settings: AxisSettings, places: tuple[tuple[int, int], ...], feedback: DriveFeedback, actuals: list[int]
+) -> tuple[SensorWords | None, SensorWords | None]:
+    """G1 and G2 of an axis, None where its telegram or its settings have none. ``places``: of their words, as ``SensorWords`` has
+    them; -1 without them. ``actuals``: those of the telegram, where a G2 that the axis lacks shows its error."""
+    first_words, second_words = places
+    first = None
+    if first_words[0] >= 0:
+        first = SensorWords(0, DriveSensor(feedback), first_words)
+        first.channel.set_references(first.own.references)
+        first.measure(possible=not settings.g1_is_encoder)
+    if second_words[0] < 0:
+        return first, None
+    if settings.second_sensor is SecondSensor.NONE:
+        place = second_words[1]
+        actuals[place : place + len(NO_SENSOR)] = NO_SENSOR
+        return first, None
+    second = SensorWords(1, SecondDriveSensor(feedback), second_words)
+    if settings.second_sensor is SecondSensor.DRIVE:
+        second.channel.set_references(second.own.references)
+    return first, second

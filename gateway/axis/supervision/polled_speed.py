@@ -7,23 +7,36 @@ from __future__ import annotations
 
 from typing import Final
 
+from pdgw.base.durations import SECOND
 from pdgw.ds301.node.polling import OLDEST_NS
 from pdgw.dsp402.states import ControlBit
+from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.orders import Order
 from pdgw.gateway.axis.supervision.stop_supervision import RAMP_MARGIN
-from pdgw.gateway.axis.values import Inputs
+from pdgw.gateway.axis.values import Inputs, Outputs
+from pdgw.gateway.base.fault_numbers import FaultNumber
 
 ANSWERS: Final = 2
 """Number of answers in succession, requested after an order, that are a standstill."""
 _ORDERS: Final = ControlBit.HALT | ControlBit.NEW_SETPOINT
 """Bits of the Controlword whose rise starts or stops a motion."""
+_RAMP_OVER: Final[dict[PowerWish | None, PowerWish]] = {
+    None: PowerWish.NO_PLC_QUICK_STOP,
+    PowerWish.NO_PLC_RAMP: PowerWish.NO_PLC_QUICK_STOP,
+    PowerWish.OFF_DISABLED: PowerWish.QUICK_STOP_DISABLED,
+    PowerWish.OFF: PowerWish.QUICK_STOP,
+    PowerWish.ENABLE: PowerWish.QUICK_STOP,
+    PowerWish.HOLD: PowerWish.QUICK_STOP,
+    PowerWish.STOP: PowerWish.QUICK_STOP,
+}
+"""The quick stop in the place of a request under which a ramp stop continues."""
 
 
 class PolledSpeed:
     """One axis. Call ``step`` in each cycle. Times in nanoseconds, as those of ``StopWatch``."""
 
-    def __init__(self, inputs: Inputs, reaction_ns: int, stop_time_ns: int) -> None:
-        self._inputs = inputs
+    def __init__(self, inputs: Inputs, outputs: Outputs, reaction_ns: int, stop_time_ns: int) -> None:
+        self._inputs, self._outputs = inputs, outputs
         self._reaction = reaction_ns
         self._stopped_within = RAMP_MARGIN * stop_time_ns
         self._order: tuple[Order, int] = Order.NONE, 0
@@ -79,3 +92,14 @@ class PolledSpeed:
         known = self._from_at + max(lasts, (ANSWERS + 1) * OLDEST_NS)
         end = min(known, self._ramp_at + self._stopped_within) + self._reaction
         return inputs.standstill_unknown and now > end
+
+    def request(self, wish: PowerWish | None, reference: int, *, ramps: bool) -> PowerWish | None:
+        """Call after ``step``: the request of the PLC ``wish``, or the quick stop that replaces it at the end of
+        ``ramps_blindly``."""
+        inputs = self._inputs
+        if not self.ramps_blindly(reference, ramps=ramps) or wish not in _RAMP_OVER:
+            return wish
+        age = (inputs.now - inputs.speed_asked_ns) / SECOND
+        detail = f"606Ch by SDO is {age:.1f} s old, and the ramp must have ended: the gateway commands Quick Stop"
+        self._outputs.found.append((FaultNumber.STOP_IGNORED, detail))
+        return _RAMP_OVER[wish]

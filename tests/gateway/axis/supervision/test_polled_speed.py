@@ -11,7 +11,7 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.orders import Order
 from pdgw.gateway.axis.supervision.polled_speed import PolledSpeed
-from pdgw.gateway.axis.values import Inputs
+from pdgw.gateway.axis.values import Inputs, Outputs
 
 WINDOW, FULL, TURNING = 30, 3000, 2400
 REACTION, STOP_TIME = 300 * MS, 10 * SECOND
@@ -25,7 +25,7 @@ class Bench:
     inputs: Inputs = field(default_factory=lambda: Inputs(DriveFeedback(), now=100 * SECOND))
 
     def __post_init__(self) -> None:
-        self.polled = PolledSpeed(self.inputs, REACTION, STOP_TIME)
+        self.polled = PolledSpeed(self.inputs, Outputs(0, None), REACTION, STOP_TIME)
         self.order, self.word, self.target = Order.NONE, OPERATION, 0
 
     def step(self, after: int = 4 * MS) -> str:
