@@ -269,7 +269,7 @@ def test_gateway_decoder_and_peers_use_no_library_of_the_page() -> None:
 @pytest.mark.parametrize("name", ["rules", "walk/monitor"])
 def test_safety_rules_import_neither_power_table_nor_interlock(name: str) -> None:
     known = imports(ROOT / "tests" / "long" / f"{name}.py")
-    assert not [name for name in known if name.endswith(("power_table", "interlock"))]
+    assert not [name for name in known if name.endswith(("power_table", "power_cells", "interlock"))]
 
 
 def test_test_support_imports_no_tests() -> None:

@@ -16,8 +16,9 @@ from pdgw.base.durations import MS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, StatusBit
 from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import OFF1S, STATE_MASK, PowerWish
+from pdgw.gateway.axis.power_cells import CELLS, DRIVES, WISHES, Cell
 from pdgw.gateway.axis.power_states import CONTROLWORDS, DRIVE_OF_STATE, Action, Drive, Phase
-from pdgw.gateway.axis.power_table import CELLS, DRIVES, LOCKS, NO_PLC, ON_WISHES, STOPPING, WISHES, Cell
+from pdgw.gateway.axis.power_table import LOCKS, NO_PLC, ON_WISHES, STOPPING
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.base.reasons import Reason
 

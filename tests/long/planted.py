@@ -7,10 +7,11 @@ from typing import Any, Final
 
 import pytest
 
-from pdgw.gateway.axis import interlock, power_table
+from pdgw.gateway.axis import interlock, power_cells
 from pdgw.gateway.axis.demand_report import PowerWish
+from pdgw.gateway.axis.power_cells import CELLS, Cell
 from pdgw.gateway.axis.power_states import Action, Drive, Phase
-from pdgw.gateway.axis.power_table import CELLS, ENABLES, ROWS, UNPOWERED, Cell, Row
+from pdgw.gateway.axis.power_table import ENABLES, ROWS, UNPOWERED, Row
 from pdgw.gateway.base.reasons import Reason
 
 Patch = pytest.MonkeyPatch
@@ -41,8 +42,8 @@ def row(
 
     def plant(patch: Patch) -> None:
         wrong = Row(phases, drives, wishes, phase, action, Reason.NOT_OPERATING, "planted")
-        patch.setattr(power_table, "ROWS", (wrong, *ROWS))
-        patch.setattr(interlock, "CELLS", power_table._compile())
+        patch.setattr(power_cells, "ROWS", (wrong, *ROWS))
+        patch.setattr(interlock, "CELLS", power_cells._compile())
 
     return plant
 

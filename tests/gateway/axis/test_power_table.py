@@ -11,9 +11,9 @@ from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.gateway.axis.demand_report import OFFS, Flag, PowerWish
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.orders import ORDERS, Leave, Line
+from pdgw.gateway.axis.power_cells import CELLS, Cell, cell
 from pdgw.gateway.axis.power_states import DRIVE_OF_STATE, Action, Drive, Phase
 from pdgw.gateway.axis.power_table import (
-    CELLS,
     COASTS,
     DISABLES,
     ENABLES,
@@ -24,8 +24,6 @@ from pdgw.gateway.axis.power_table import (
     ROWS,
     SHOWS_OPERATION,
     UNPOWERED,
-    Cell,
-    cell,
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.base.fault_numbers import GATEWAY_FAULTS, INTERNAL_FAULT

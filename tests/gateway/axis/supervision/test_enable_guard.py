@@ -7,8 +7,8 @@ import pytest
 from pdgw.base.durations import MS
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.gateway.axis.demand_report import PowerWish
+from pdgw.gateway.axis.power_cells import CELLS, DRIVES, WISHES, cell
 from pdgw.gateway.axis.power_states import Drive, Phase
-from pdgw.gateway.axis.power_table import CELLS, DRIVES, WISHES, cell
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.reasons import Reason
