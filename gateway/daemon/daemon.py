@@ -10,13 +10,12 @@ from __future__ import annotations
 import gc
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from pdgw.base.durations import MS, SECOND
+from pdgw.base.durations import MS
 from pdgw.base.errors import PdgwError
 from pdgw.base.version import package_version
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
@@ -26,29 +25,26 @@ from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import Cause
-from pdgw.ds301.values import KnownDevice
-from pdgw.dsp402.drive.client import DriveClient
-from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.errors import GatewayError
 from pdgw.gateway.base.fault_numbers import By, FaultNumber
 from pdgw.gateway.base.platform import Platform, SystemPlatform
 from pdgw.gateway.base.reasons import Finding, Reason
-from pdgw.gateway.base.store import DeviceParameters, DoParameters, ParameterStore
-from pdgw.gateway.configuration.axis_config import AxisConfig
+from pdgw.gateway.base.store import DeviceParameters, ParameterStore
 from pdgw.gateway.configuration.bus_load import HEARTBEATS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.daemon.link_port import open_port
 from pdgw.gateway.daemon.masters import LISTEN_NS, SameNodeId, SyncOfNodes, watch_for_masters, watch_for_writes
 from pdgw.gateway.daemon.pause import Pause
+from pdgw.gateway.daemon.shutdown import Shutdown
+from pdgw.gateway.daemon.stored_objects import StoredObjects
 from pdgw.gateway.daemon.sync import SyncProducer
 from pdgw.gateway.links.cyclic import IDLE_NS
-from pdgw.gateway.links.link import Link, UdpLink
-from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.links.link import Link
 from pdgw.gateway.objects.axis_chain import axis_enable_status
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.enable_chain import encoder_enable_status
-from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.service.cycle_times import CycleWatch
 from pdgw.gateway.service.events import EventLog
@@ -61,9 +57,6 @@ log = logging.getLogger("gateway")
 
 _NOT_STARTED: Final = "the gateway sent no heartbeat before its start"
 _IF_IT_RAN: Final = "if the gateway had not ended, check CAN cable, termination and bit rate"
-_SHUTDOWN_NS: Final = 5_000 * MS
-_OFF_CYCLES = 3
-"""Number of consecutive cycles without power in any drive before the nodes are stopped."""
 
 
 class Daemon:
@@ -102,13 +95,10 @@ class Daemon:
         """Why it ended by itself."""
         self._begun = False
         self._stop_asked = False
-        self._stopping = False
-        self._off_cycles = 0
+        self._shutdown: Shutdown | None = None
+        """The end, once it has begun."""
         self._together = False
         """Frames of the buses wait for the next cycle."""
-        self._written_back: list[tuple[Axis, Future[None]]] | None = None
-        """At the end: what writes the drives' own values back."""
-        self._stop_until = 0
         self._deadline = 0
         self._last_sent = 0
         self._due: Timer | None = None
@@ -117,7 +107,8 @@ class Daemon:
             if platform is None:
                 opened.callback(self.loop.close)
             opened.enter_context(self.store.held())
-            open_link = self._prepare_link(opened, ethernet)
+            self.address, open_link = open_port(config, self.platform, self.store, ethernet, opened)
+            """Where cyclic frames are received: address and port, or the Ethernet interface."""
             for bus in config.can:
                 network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name, bus.node_id)
                 opened.callback(network.close)
@@ -126,10 +117,10 @@ class Daemon:
                 self.networks[bus.name] = network
             self._buses = tuple(self.networks.values())
             self._same_ids = {name: self._same_id(network) for name, network in self.networks.items()}
-            self.encoder_nodes: list[EncoderNode] = []
             with self._stored_telegrams_named():
-                self.axes: list[Axis] = [self._axis(item) for item in config.axis]
-                self.encoders: list[EncoderObject] = self._encoders()
+                made = StoredObjects(config, self.networks, self.store, self.events, self.update_store)
+                self.axes = [made.axis(item) for item in config.axis]
+                self.encoder_nodes, self.encoders = made.encoders()
                 self.objects: list[DriveObject] = [*self.axes, *self.encoders]
                 """In the order of the frame."""
                 count = len(self.objects)
@@ -146,7 +137,7 @@ class Daemon:
                             axis.connect_sensor(by_do[source], place)
                 for bus in config.can:
                     self._selected().check_load(bus)
-            self.link: Link = open_link()
+            self.link: Link = open_link(self.objects)
             self.link.log_event = partial(self.events.add, "plc", None)
             for index, item in enumerate(self.objects):
                 item.log_event = self.events.add
@@ -248,67 +239,6 @@ class Daemon:
         add("loop", "cycles", "cycles", "for all drive objects", lambda: self.cycles)
         add("loop", "late", "cycles", "started more than half a cycle late", lambda: self.late)
 
-    def _prepare_link(self, opened: ExitStack, ethernet: EthernetPort | None) -> Callable[[], Link]:
-        """Open the port of the link first; without it, nothing else is opened."""
-        transport = self.config.transport
-        if transport.type == "profinet":
-            # Imported here: the other transport starts without it.
-            from pdgw.gateway.links.profinet.ethernet import RawEthernet  # noqa: PLC0415
-            from pdgw.gateway.links.profinet.io_device import ProfinetLink  # noqa: PLC0415
-
-            interface = transport.interface or ""
-            port = RawEthernet(self.loop, interface) if ethernet is None else ethernet
-            opened.callback(port.close)
-            self.address = (interface, 0)
-            return lambda: ProfinetLink(port, self.config, self.store, self.loop, self.objects)
-        udp = self.platform.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
-        opened.callback(udp.close)
-        self.address = udp.address
-        """Where cyclic frames are received: address and port, or the Ethernet interface."""
-        offset = self.platform.tick_offset()
-        return lambda: UdpLink(udp, transport, [item.telegram for item in self.objects], self.loop.counters, offset)
-
-    def _axis(self, config: AxisConfig) -> Axis:
-        network = self.networks[self.config.bus_of(config).name]
-        stored = self.store.parameters.drive_object(config.do_id)
-        failures = stored.sign_of_life_tolerance
-        axis = Axis(config, network, self.config.transport.cycle_time_ms, stored.telegram, failures)
-        axis.units_witnessed = stored.units_witnessed
-        axis.drive.own_values.load(stored.own_values)
-        axis.drive.own_values.save = partial(self._save_own_values, axis)
-        self._know_device(axis, stored)
-        return axis
-
-    def _know_device(self, item: DriveObject, stored: DoParameters) -> None:
-        """Set the last device of its client, and keep the next one."""
-        configuration, do_id = item.client.configuration, item.do_id
-        configuration.known = stored.device
-        if self.store.path is not None:
-            configuration.save = partial(self._save_device, item)
-        configuration.on_replaced = lambda text: self.events.add("node", do_id, text)
-
-    def _save_device(self, item: DriveObject, device: KnownDevice) -> None:
-        def change(parameters: DeviceParameters) -> None:
-            parameters.drive_object(item.do_id).device = device
-
-        try:
-            self.update_store(change)
-        except GatewayError as error:
-            log.error("%s: the serial number of its device is not saved: %s", item.label, error)
-
-    def _encoders(self) -> list[EncoderObject]:
-        made: dict[int, EncoderObject] = {}
-        for bus in self.config.can:
-            for channels in self.config.encoders_of(bus).values():
-                node = EncoderNode(self.networks[bus.name], channels, self.config.transport.cycle_time_ms)
-                self.encoder_nodes.append(node)
-                for config in channels:
-                    stored = self.store.parameters.drive_object(config.do_id)
-                    number = config.telegram if stored.telegram is None else stored.telegram
-                    made[config.do_id] = EncoderObject(config, node, number, stored.sign_of_life_tolerance)
-                self._know_device(made[channels[0].do_id], self.store.parameters.drive_object(channels[0].do_id))
-        return [made[config.do_id] for config in self.config.encoder]
-
     @property
     def name(self) -> str:
         """Name of the gateway."""
@@ -395,22 +325,6 @@ class Daemon:
         """Change stored parameters, in a task: saved first, then in force. GatewayError when the file cannot be written."""
         self.loop.result(self.loop.offload(lambda: self.store.update(change)))
 
-    def _save_own_values(self, axis: Axis, values: OwnValues) -> bool:
-        """True when saved. Without a store, or if it cannot be written, the log says what a crash loses; the axis runs."""
-
-        def change(parameters: DeviceParameters) -> None:
-            parameters.drive_object(axis.do_id).own_values = values
-
-        try:
-            self.update_store(change)
-        except GatewayError as error:
-            log.error("%s: the drive's own limits are not saved: %s", axis.label, error)
-            return False
-        if self.store.path is None and values.values:
-            texts = ", ".join(item.text(item.value) for item in values.values)
-            log.warning("%s: no parameter store: a crash of the gateway loses the drive's own %s", axis.label, texts)
-        return True
-
     # -- life ---------------------------------------------------------------------------------------------------------
 
     def run(self) -> None:
@@ -471,7 +385,7 @@ class Daemon:
 
     def _begin(self) -> None:
         """No other master is on the buses."""
-        if self._stopping:
+        if self._shutdown is not None:
             return  # one was found, or the gateway was stopped before it sent anything
         self._begun = True
         self._on_heartbeat()
@@ -498,13 +412,8 @@ class Daemon:
     def _begin_stop(self) -> None:
         """As after a loss of the PLC: each axis stops its way, and only OFF2 and OFF3 count. The end waits until power is off
         everywhere, also in lost drives, or the time is over."""
-        if self._stopping or self.stopped.is_set():
-            return
-        log.info("stopping the drives")
-        self._stopping = True
-        for item in self.objects:
-            item.gateway_stops = True
-        self._stop_until = self.loop.now() + _SHUTDOWN_NS
+        if self._shutdown is None and not self.stopped.is_set():
+            self._shutdown = Shutdown(self.objects, self.loop.now())
 
     def _finish(self) -> None:
         if self.stopped.is_set():
@@ -543,7 +452,7 @@ class Daemon:
 
     def _on_received(self, accepted: bool, now: int) -> None:
         if accepted:
-            self._cycle(now, accepted=not self._stopping)
+            self._cycle(now, accepted=self._shutdown is None)
 
     def _on_due(self) -> None:
         """A cycle without a frame, unless one waits: frames postpone it."""
@@ -553,7 +462,7 @@ class Daemon:
         if now - self._deadline > self.cycle_ns // 2:
             self.late += 1
         # The queued frames arrived before this cycle: process them before the watchdog.
-        accepted = self.link.receive(now) and not self._stopping
+        accepted = self.link.receive(now) and self._shutdown is None
         self._cycle(now, accepted=accepted)
         if not self.stopped.is_set():
             self._due = self.loop.call_at(self._deadline, self._on_due)
@@ -574,7 +483,7 @@ class Daemon:
         if self._together:
             self._take(together=False)
         # A gateway that stops needs no PLC any more.
-        if (loss := link.poll(now)) and not self._stopping:
+        if (loss := link.poll(now)) and self._shutdown is None:
             log.error("PLC lost: %s", loss, extra={"event": "plc"})
             for item in self.objects:
                 item.raise_fault(FaultNumber.PLC_LOST, loss, now)
@@ -590,12 +499,13 @@ class Daemon:
                 item.transmit(now)
             actuals[index] = outputs.actuals
             good[index] = outputs.good
-        if self._stopping:
+        shutdown = self._shutdown
+        if shutdown is not None:
             link.lose_setpoints()  # IOCS reports it
         self.cycles += 1
         answered = 0
         # Answer the PLC first, which waits for it; a drive waits only for the bus.
-        if accepted or self._stopping or now - self._last_sent >= 2 * self.cycle_ns:
+        if accepted or shutdown is not None or now - self._last_sent >= 2 * self.cycle_ns:
             link.send(actuals, good, now)
             self._last_sent = now
             answered = self.loop.now()
@@ -606,8 +516,8 @@ class Daemon:
             producer.send()
         self.watch.cycle(now, accepted, answered, link.age_ns if accepted else None)
         self._await_next(now, accepted)
-        if self._stopping:
-            self._await_power_off(now)
+        if shutdown is not None and shutdown.step(now, alone=self.failure is None):
+            self._finish()
 
     def _await_next(self, now: int, accepted: bool) -> None:
         """Set when the next cycle is due, and what the buses do until then."""
@@ -634,32 +544,10 @@ class Daemon:
         item.supplied = not item.supplied
         if item.supplied:
             item.origins.returned(now)
-        elif self.link.connected and not self._stopping and (finding := self.link.finding(index)) is not None:
+        elif self.link.connected and self._shutdown is None and (finding := self.link.finding(index)) is not None:
             item.report_unusable(finding.evidence)
 
     def _idles(self) -> bool:
         """No PLC is connected, no drive has power, and none needs SYNC: a frame of the PLC is a cycle at once."""
-        busy = self.link.connected or self._stopping or self.sync_producers
+        busy = self.link.connected or self._shutdown is not None or self.sync_producers
         return not busy and not any(item.may_have_power for item in self.objects)
-
-    def _await_power_off(self, now: int) -> None:
-        powered = any(item.may_have_power for item in self.objects)
-        self._off_cycles = 0 if powered else self._off_cycles + 1
-        if now > self._stop_until:
-            if powered:
-                log.error("drives did not stop, or are lost, within %d s: power off by NMT", _SHUTDOWN_NS // SECOND)
-        elif self._off_cycles < _OFF_CYCLES or not self._write_back():
-            return
-        self._finish()
-
-    def _write_back(self) -> bool:
-        """Once all drives are off: whether each has its own values again, or failed to take them. Not beside another master."""
-        if self._written_back is None:
-            kept = [axis for axis in self.axes if axis.drive.own_values and self.failure is None]
-            self._written_back = [(axis, axis.drive.submit(DriveClient.write_back)) for axis in kept]
-        if not all(future.done() for _, future in self._written_back):
-            return False
-        for axis, future in self._written_back:
-            if (error := future.exception()) is not None:
-                log.warning("%s: the drive's own limits are not written back: %s", axis.label, error)
-        return True
