@@ -116,6 +116,24 @@ def test_a_task_that_ends_while_the_brake_opens_is_never_continued(
     assert not drive.hand.stepper.numbers
 
 
+@pytest.mark.parametrize("late", range(1, 9))
+@pytest.mark.parametrize("end", [REJECT, INTERMEDIATE], ids=["rejected", "stopped"])
+def test_a_task_that_ends_while_target_reached_is_still_that_of_before_it_is_stopped(
+    make: Make, end: int, late: int
+) -> None:
+    """The drive has taken the setpoint, begins to turn, and shows SW.10 of the last task for some more cycles."""
+    hand = make().enable()
+    reached = OPERATING | StatusBit.TARGET_REACHED
+    hand(ON, reached)
+    hand(ON | ACTIVATE, reached)
+    hand(ON | ACTIVATE, reached | StatusBit.MODE_12)
+    hand(ON | ACTIVATE, reached)
+    hand.feedback.velocity_actual = SLOW
+    assert all(hand(ON & ~end, reached) & HALT for _ in range(late))
+    assert hand(ON & ~end, OPERATING) & HALT, "it brakes"
+    assert not hand.stepper.numbers
+
+
 def test_a_rejected_task_within_the_standstill_window_is_stopped_too(make: Make) -> None:
     drive = rejected(make, SLOW)
     words = [drive(ON) for _ in range(1000)]

@@ -47,6 +47,8 @@ class Halt:
         self._positioner = positioner
         self.effect = Answer(executor.settings.latency_ns)
         """Whether the newest setpoint or Halt has had the time to show at the shaft."""
+        self.reached = Answer(executor.settings.latency_ns)
+        """Whether "target reached" is an answer to the newest setpoint."""
         self._setpoint = _NONE
         self.rested = False
         """The axis was at rest without Halt, and no motion has begun since."""
@@ -63,14 +65,13 @@ class Halt:
 
     @property
     def _shows_reached(self) -> bool:
-        """The drive shows "target reached"."""
-        return self._feedback.statusword & _TARGET_REACHED != 0
+        """The drive shows "target reached", and not since before the newest setpoint."""
+        return not self.reached.awaited and self._feedback.statusword & _TARGET_REACHED != 0
 
     @property
     def axis_stopped(self) -> bool:
         """The axis is at standstill, and the drive has ended its ramp."""
-        feedback = self._feedback
-        return self._inputs.standstill and (feedback.statusword & _TARGET_REACHED != 0 or feedback.velocity_actual == 0)
+        return self._inputs.standstill and (self._shows_reached or self._feedback.velocity_actual == 0)
 
     @property
     def may_fall(self) -> bool:
@@ -79,8 +80,7 @@ class Halt:
         Without "target reached", a speed of 0 can be older than the start of the setpoint, or than Halt.
         """
         now = self._inputs.now
-        reached = self._feedback.statusword & _TARGET_REACHED != 0
-        return (reached or self.effect.due(now)) and self.axis_stopped and self._handshake.taking.due(now)
+        return (self._shows_reached or self.effect.due(now)) and self.axis_stopped and self._handshake.taking.due(now)
 
     @property
     def released(self) -> bool:
@@ -99,6 +99,14 @@ class Halt:
         self.effect.withdraw()
         if self._setpoint is _UNMOVED:
             self._setpoint = _STOPPED
+
+    def replaced(self) -> None:
+        """The drive gets a new setpoint."""
+        now, reached = self._inputs.now, self.reached
+        self.effect.command(now)
+        reached.command(now)
+        reached.read(self._feedback.statusword & _TARGET_REACHED != 0, now)
+        self.end()
 
     def watch(self) -> None:
         """Note whether the drive works on a setpoint that Halt has stopped and released."""

@@ -205,6 +205,8 @@ class MotionExecutor(Executor):
             bits = Seen.ASKED
         mode.read()
         handshake.taking.read(handshake.shown, inputs.now)
+        if halt.reached.awaited:
+            halt.reached.read(statusword & _TARGET_REACHED != 0, inputs.now)
         if inputs.standstill:
             if inputs.position_follows(self._turned_at):
                 bits |= _STANDSTILL
@@ -323,8 +325,7 @@ class MotionExecutor(Executor):
         """The handshake begins with this target; the last unit may end beyond what the object can hold."""
         low, high = self._positions.targets
         self._handshake.begin(max(low, min(target, high)), velocity, bits)
-        self._halt.effect.command(self.inputs.now)
-        self._halt.end()
+        self._halt.replaced()
 
     def _home(self, motion: Motion, method: int, speed: int | None) -> int:
         """Controlword bits of a homing: the drive takes method and speeds, confirms the mode, and homes."""
