@@ -25,7 +25,8 @@ from pdgw.tools.decoder.frames.canopen.decoder import CanopenDecoder, Dictionary
 from pdgw.tools.decoder.frames.link import UDP_PROTOCOL, CanFrame, Carried, socketcan, unwrap
 from pdgw.tools.decoder.frames.profinet.acyclic import AcyclicDecoder, is_profinet_call
 from pdgw.tools.decoder.frames.profinet.connect import StationNames
-from pdgw.tools.decoder.frames.profinet.cyclic import Axis, CyclicDecoder, given_axes
+from pdgw.tools.decoder.frames.profinet.cyclic import CyclicDecoder
+from pdgw.tools.decoder.frames.profinet.frame_telegrams import Axis, given_axes
 from pdgw.tools.decoder.frames.profinet.frames import FRAME_IDS, FrameDecoder
 from pdgw.tools.decoder.frames.records import LinkType, OtherRecord, Record
 

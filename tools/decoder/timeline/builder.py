@@ -25,7 +25,7 @@ from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.decoder.frames.canopen.can_records import CanRecord, NmtRecord
 from pdgw.tools.decoder.frames.profinet.connect import AlarmRecord, Change, Connection, RelationRecord
-from pdgw.tools.decoder.frames.profinet.cyclic import Axis
+from pdgw.tools.decoder.frames.profinet.frame_telegrams import Axis
 from pdgw.tools.decoder.frames.records import AcyclicRecord, BusKind, CyclicRecord, Record
 from pdgw.tools.decoder.timeline.drive_object import RESPONSE_NS, ObjectFollower
 from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Event, WordKind

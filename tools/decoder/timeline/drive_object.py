@@ -29,7 +29,7 @@ from pdgw.tools.decoder.frames.canopen.can_records import (
     SdoRecord,
 )
 from pdgw.tools.decoder.frames.fields import Field
-from pdgw.tools.decoder.frames.profinet.cyclic import Axis
+from pdgw.tools.decoder.frames.profinet.frame_telegrams import Axis
 from pdgw.tools.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Event, ReasonChange, WordKind
 
 RESPONSE_NS: Final = SECOND

@@ -23,7 +23,7 @@ from pdgw.tools.decoder.frames.canopen.decoder import CanopenDecoder
 from pdgw.tools.decoder.frames.canopen.objects import Mapped, ObjectNames, any_drive, pdo_layout
 from pdgw.tools.decoder.frames.engine import CanPacket, Decoder, Settings
 from pdgw.tools.decoder.frames.link import CanFrame
-from pdgw.tools.decoder.frames.profinet.cyclic import Axis, given_axes
+from pdgw.tools.decoder.frames.profinet.frame_telegrams import Axis, given_axes
 from pdgw.tools.decoder.frames.records import Record
 from tests.support.axis.mapping import engel_layout
 

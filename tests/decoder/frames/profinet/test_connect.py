@@ -34,7 +34,7 @@ from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet
 from pdgw.profinet.rpc.records import Operation, encode_arguments
 from pdgw.tools.decoder.frames.engine import Decoder, Packet, Settings
 from pdgw.tools.decoder.frames.profinet.connect import read_request
-from pdgw.tools.decoder.frames.profinet.cyclic import given_axes
+from pdgw.tools.decoder.frames.profinet.frame_telegrams import given_axes
 from pdgw.tools.decoder.frames.records import CyclicRecord, LinkType, Record
 from pdgw.tools.decoder.timeline.builder import TimelineBuilder
 from pdgw.tools.decoder.timeline.entries import Anomaly

@@ -18,7 +18,8 @@ from pdgw.profidrive.frame import (
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, telegram
-from pdgw.tools.decoder.frames.profinet.cyclic import Axis, CyclicDecoder, given_axes, infer
+from pdgw.tools.decoder.frames.profinet.cyclic import CyclicDecoder
+from pdgw.tools.decoder.frames.profinet.frame_telegrams import Axis, given_axes, infer
 from pdgw.tools.decoder.frames.records import CyclicRecord, OtherRecord
 from tests.support.axis.strategies import axes_values
 

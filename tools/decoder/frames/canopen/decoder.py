@@ -62,7 +62,7 @@ from pdgw.tools.decoder.frames.canopen.objects import (
 from pdgw.tools.decoder.frames.canopen.sdo import SdoChannel, Step
 from pdgw.tools.decoder.frames.fields import Raw
 from pdgw.tools.decoder.frames.link import CanFrame
-from pdgw.tools.decoder.frames.profinet.cyclic import Axis
+from pdgw.tools.decoder.frames.profinet.frame_telegrams import Axis
 from pdgw.tools.decoder.frames.records import Record
 
 Dictionary = Callable[[int], Sequence[Entry] | None]
