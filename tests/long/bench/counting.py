@@ -567,7 +567,7 @@ def limits() -> dict[str, dict[str, Any]]:
 
 
 def excess(found: Mapping[str, float], limit: Mapping[str, float]) -> dict[str, float]:
-    """The counts that are more than 1 % above their limits, or so far below that these are none; of the others, those above."""
+    """The counts that are more than 1 % above their limits or more than 3 % below; of shares and entries, those above."""
     bounds = {key: (0.97, 1.01) if key in _CLOSE else (0, 1) for key in found}
     return {
         key: found[key]
