@@ -63,6 +63,7 @@ COMPILED = (
     "dsp406/encoder.py",
     "dsp406/settings.py",
     "gateway/axis/**/[!_]*.py",
+    "gateway/daemon/buses.py",
     "gateway/daemon/daemon.py",
     "gateway/daemon/link_port.py",
     "gateway/daemon/pause.py",

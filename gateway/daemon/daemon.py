@@ -9,43 +9,32 @@ from __future__ import annotations
 
 import gc
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from pdgw.base.durations import MS
-from pdgw.base.errors import PdgwError
 from pdgw.base.version import package_version
-from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
-from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.communication import SYNC
-from pdgw.ds301.emcy import HEARTBEAT_ERROR
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import Cause
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.base.errors import GatewayError
-from pdgw.gateway.base.fault_numbers import By, FaultNumber
+from pdgw.gateway.base.fault_numbers import FaultNumber
 from pdgw.gateway.base.platform import Platform, SystemPlatform
-from pdgw.gateway.base.reasons import Finding, Reason
 from pdgw.gateway.base.store import DeviceParameters, ParameterStore
-from pdgw.gateway.configuration.bus_load import HEARTBEATS
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.daemon.buses import Buses
 from pdgw.gateway.daemon.link_port import open_port
-from pdgw.gateway.daemon.masters import LISTEN_NS, SameNodeId, SyncOfNodes, watch_for_masters, watch_for_writes
+from pdgw.gateway.daemon.masters import LISTEN_NS
 from pdgw.gateway.daemon.pause import Pause
 from pdgw.gateway.daemon.shutdown import Shutdown
-from pdgw.gateway.daemon.stored_objects import StoredObjects
+from pdgw.gateway.daemon.stored_objects import StoredObjects, connect, telegrams_named
 from pdgw.gateway.daemon.sync import SyncProducer
 from pdgw.gateway.links.cyclic import IDLE_NS
 from pdgw.gateway.links.link import Link
-from pdgw.gateway.objects.axis_chain import axis_enable_status
 from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.objects.enable_chain import encoder_enable_status
-from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.service.cycle_times import CycleWatch
 from pdgw.gateway.service.events import EventLog
 from pdgw.gateway.service.running import Recording, Service
@@ -54,9 +43,6 @@ if TYPE_CHECKING:
     from pdgw.gateway.links.profinet.ethernet import EthernetPort
 
 log = logging.getLogger("gateway")
-
-_NOT_STARTED: Final = "the gateway sent no heartbeat before its start"
-_IF_IT_RAN: Final = "if the gateway had not ended, check CAN cable, termination and bit rate"
 
 
 class Daemon:
@@ -73,10 +59,8 @@ class Daemon:
         self.config = config
         self.platform: Platform = SystemPlatform() if platform is None else platform
         self.loop: Loop = self.platform.loop
-        transport = config.transport
-        self.cycle_ns = int(transport.cycle_time_ms * MS)
+        self.cycle_ns = int(config.transport.cycle_time_ms * MS)
         self.store = ParameterStore(config.store, log.warning, config.file)
-        self.networks: dict[str, CanNetwork] = {}
         self.services: list[Service] = []
         self.watch = CycleWatch()
         """Called at the end of every cycle."""
@@ -88,7 +72,9 @@ class Daemon:
         self.events.add("gateway", None, f"gateway started, version {package_version()}")
         self.cycles = 0
         self.late = 0
-        self._register_counters()
+        add = self.loop.counters.add
+        add("loop", "cycles", "cycles", "for all drive objects", lambda: self.cycles)
+        add("loop", "late", "cycles", "started more than half a cycle late", lambda: self.late)
         self.stopped = Event(self.loop)
         """Everything has come to rest and is released."""
         self.failure: GatewayError | None = None
@@ -109,15 +95,10 @@ class Daemon:
             opened.enter_context(self.store.held())
             self.address, open_link = open_port(config, self.platform, self.store, ethernet, opened)
             """Where cyclic frames are received: address and port, or the Ethernet interface."""
-            for bus in config.can:
-                network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name, bus.node_id)
-                opened.callback(network.close)
-                network.log_event = partial(self._on_bus, network)
-                network.bitrate = bus.bitrate or DEFAULT_BITRATE
-                self.networks[bus.name] = network
-            self._buses = tuple(self.networks.values())
-            self._same_ids = {name: self._same_id(network) for name, network in self.networks.items()}
-            with self._stored_telegrams_named():
+            self.buses = Buses(config, self.platform, self.events, opened)
+            self.networks = self.buses.networks
+            self._networks = tuple(self.networks.values())
+            with telegrams_named(self.replaced_telegrams):
                 made = StoredObjects(config, self.networks, self.store, self.events, self.update_store)
                 self.axes = [made.axis(item) for item in config.axis]
                 self.encoder_nodes, self.encoders = made.encoders()
@@ -126,15 +107,7 @@ class Daemon:
                 count = len(self.objects)
                 self._answer: tuple[list[Sequence[int]], list[bool]] = [()] * count, [False] * count
                 """For each drive object after its last step: actual values, and whether they are good."""
-                for axis in self.axes:
-                    axis.check_chain = partial(axis_enable_status, axis)
-                for encoder in self.encoders:
-                    encoder.check_chain = partial(encoder_enable_status, encoder)
-                by_do = {item.do_id: item for item in self.encoders}
-                for axis in self.axes:
-                    for place, source in enumerate((axis.config.g1, axis.config.g2)):
-                        if isinstance(source, int):
-                            axis.connect_sensor(by_do[source], place)
+                connect(self.axes, self.encoders)
                 for bus in config.can:
                     self._selected().check_load(bus)
             self.link: Link = open_link(self.objects)
@@ -145,28 +118,11 @@ class Daemon:
                 item.explain = partial(self._explained, item)
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
-        settings = [client.settings for client in self.clients]
-        self._heartbeat_ns = min(item.heartbeat_ms for item in settings) * MS // HEARTBEATS
-        limits = [limit for item in settings for limit in (item.heartbeat_limit_ns, item.tpdo_limit_ns)]
-        shortest = min(self.cycle_ns * transport.watchdog_factor, *limits)
+        self.buses.connect(self.objects, self.clients)
+        shortest = min(self.cycle_ns * config.transport.watchdog_factor, self.buses.limit_ns)
         self._pause = Pause(shortest, partial(self.events.add, "gateway", None))
         for bus in config.can:
-            self._leave_room(bus)
-        self._find_sync()
-        for network in self.networks.values():
-            network.sync.changed = self._find_sync
-
-    @contextmanager
-    def _stored_telegrams_named(self) -> Iterator[None]:
-        """A stored telegram (P922) may not fit the configuration, and its file does not show it: name it in the error."""
-        try:
-            yield
-        except PdgwError as error:
-            if not self.replaced_telegrams:
-                raise
-            raise GatewayError(
-                "; ".join((str(error), "correct this for one start", *self.replaced_telegrams))
-            ) from error
+            self.buses.leave_room(bus, self._selected())
 
     @property
     def replaced_telegrams(self) -> list[str]:
@@ -176,68 +132,18 @@ class Daemon:
     @property
     def notes(self) -> list[str]:
         """One line for each thing to correct that does not stop a drive."""
-        found = [*self.replaced_telegrams, *(item.note for item in self._same_ids.values() if item.note)]
+        found = [*self.replaced_telegrams, *(item.note for item in self.buses.same_ids.values() if item.note)]
         clients = {item.client: item.label for item in reversed(self.objects)}
         return found + [f"{label}: {note}" for client, label in clients.items() for note in client.configuration.notes]
 
-    def _same_id(self, network: CanNetwork) -> SameNodeId:
-        def report(text: str) -> None:
-            log.warning("%s", text, extra={"event": "bus", "bus": network.name})
-            self.events.add("bus", None, text)
-
-        return SameNodeId(network, report)
-
     def _explained(self, item: DriveObject, record: FaultRecord) -> FaultRecord:
         """A fault with what happened to the gateway, or on its bus, and led to it."""
-        if (explained := self._pause.explain(record)) is not None:
-            return explained
-        if (cause := self._same_ids[item.network.name].explains(item, record)) is not None:
-            return replace(record, text=f"{record.text}: {cause.evidence}", remedy=cause.remedy)
-        unknown = record.is_older and item.client.generation == 1 and not item.origins.last(self.loop)
-        if unknown and record.code == HEARTBEAT_ERROR:
-            return replace(record, text=f"{record.text}: {_NOT_STARTED}", remedy=_IF_IT_RAN)
-        return record
+        return self._pause.explain(record) or self.buses.explained(item, record)
 
-    def _on_bus(self, network: CanNetwork, text: str) -> None:
-        """The bus is lost, for another reason, or back."""
-        self.events.add("bus", None, text)
-        evidence = network.disturbance
-        for item in self.objects:
-            if evidence is not None and item.network is network:
-                text = f"bus {network.name}: {evidence.text}"
-                found = Finding(Reason.BUS_LOST, text, (evidence.remedy,), since_ns=self.loop.now(), by=By.BUS)
-                item.origins.prove(found)
-
-    def _leave_room(self, bus: CanConfig) -> None:
-        """Bring-ups take what the cyclic frames leave of a bus."""
-        frames, network = self._selected().frames_of(bus), self.networks[bus.name]
-        bitrate = bus.bitrate or DEFAULT_BITRATE
-        answer_ms = min(
-            (client.settings.sdo_timeout_ms for client in self.clients if client.network is network), default=1
-        )
-        network.leave_room(sdo_gap_ns(bus_load(frames, bitrate), bitrate), answer_ms * MS)
-
-    def _find_sync(self) -> None:
-        """Find the SYNC producers by the name of their bus."""
-        synced = {client.network.name for client in self.clients if client.settings.sync}
-        synced |= {name for name, network in self.networks.items() if network.sync.required}
-        cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
-        for name in synced:
-            self.networks[name].claim(SYNC, "SYNC (a node whose 1005h has bit 30, too)")
-        for name, network in self.networks.items():
-            network.makes_sync = name in synced
-        self.sync_producers = {
-            name: SyncProducer(
-                network, self.cycle_ns, [axis for axis in cyclic if axis.network is network], self.loop.now
-            )
-            for name, network in self.networks.items()
-            if name in synced
-        }
-
-    def _register_counters(self) -> None:
-        add = self.loop.counters.add
-        add("loop", "cycles", "cycles", "for all drive objects", lambda: self.cycles)
-        add("loop", "late", "cycles", "started more than half a cycle late", lambda: self.late)
+    @property
+    def sync_producers(self) -> Mapping[str, SyncProducer]:
+        """The SYNC producers by the name of their bus."""
+        return self.buses.sync_producers
 
     @property
     def name(self) -> str:
@@ -294,8 +200,8 @@ class Daemon:
         except BaseException:
             self.link.set_layout(before)
             raise
-        self._leave_room(self.config.bus_of(changed.config))
-        self._find_sync()
+        self.buses.leave_room(self.config.bus_of(changed.config), self._selected())
+        self.buses.find_sync()
         if connected:
             now = self.loop.now()
             for item in self.objects:
@@ -361,17 +267,7 @@ class Daemon:
         )
         for text in self.replaced_telegrams:
             log.warning("%s", text)
-        for name, network in self.networks.items():
-            network.start()
-            drives = [axis.node_id for axis in self.axes if axis.network is network]
-            clients = [client for client in self.clients if client.network is network]
-            watch_for_masters(
-                network, drives, self._same_ids[name], SyncOfNodes(network, clients), self._on_other_master
-            )
-        for item in self.objects:
-            client = item.client
-            watch_for_writes(item.network, item.node_id, partial(relies_on, item), client.distrust_write)
-            watch_for_writes(item.network, item.node_id, client.configuration.has, client.configuration.other_wrote)
+        self.buses.listen(self._on_other_master)
         self._beat = self.loop.call_later(LISTEN_NS, self._begin)
 
     def _exchange(self) -> None:
@@ -447,7 +343,7 @@ class Daemon:
         """Receive the frames of the buses that have waited: before the PLC's frame if it waits, too; else after it."""
         if self.link.takes_together is together:
             now = self.loop.now()
-            for network in self._buses:
+            for network in self._networks:
                 network.take(now)
 
     def _on_received(self, accepted: bool, now: int) -> None:
@@ -475,7 +371,7 @@ class Daemon:
         for client in self.clients:
             if client.network not in withheld:
                 client.heartbeat.request()
-        self._beat = self.loop.call_later(self._heartbeat_ns, self._on_heartbeat)
+        self._beat = self.loop.call_later(self.buses.heartbeat_ns, self._on_heartbeat)
 
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
@@ -512,7 +408,7 @@ class Daemon:
         for item in self.objects:
             if not item.stops:
                 item.transmit(now)
-        for producer in self.sync_producers.values():
+        for producer in self.buses.sync_producers.values():
             producer.send()
         self.watch.cycle(now, accepted, answered, link.age_ns if accepted else None)
         self._await_next(now, accepted)
@@ -531,11 +427,11 @@ class Daemon:
                 self._due = self.loop.call_at(deadline, self._on_due)
             else:
                 due.postpone(deadline)
-        for network in self._buses:
+        for network in self._networks:
             network.checks.run_before(expected)
         if (together := self.link.takes_together) or self._together:
             self._together = together
-            for network in self._buses:
+            for network in self._networks:
                 network.listen(now, on=not together)
         self.loop.pace(expected)
 
@@ -549,5 +445,5 @@ class Daemon:
 
     def _idles(self) -> bool:
         """No PLC is connected, no drive has power, and none needs SYNC: a frame of the PLC is a cycle at once."""
-        busy = self.link.connected or self._shutdown is not None or self.sync_producers
+        busy = self.link.connected or self._shutdown is not None or self.buses.sync_producers
         return not busy and not any(item.may_have_power for item in self.objects)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 
+from pdgw.base.errors import PdgwError
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.values import KnownDevice
 from pdgw.dsp402.drive.own_values import OwnValues
@@ -14,11 +16,39 @@ from pdgw.gateway.base.store import DeviceParameters, DoParameters, ParameterSto
 from pdgw.gateway.configuration.axis_config import AxisConfig
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.axis_chain import axis_enable_status
 from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.enable_chain import encoder_enable_status
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.service.events import EventLog
 
 log = logging.getLogger("gateway")
+
+
+@contextmanager
+def telegrams_named(replaced: Sequence[str]) -> Iterator[None]:
+    """A stored telegram (P922) may not fit the configuration, and its file does not show it: name it in the error.
+
+    ``replaced``: a line for each of them.
+    """
+    try:
+        yield
+    except PdgwError as error:
+        if not replaced:
+            raise
+        raise GatewayError("; ".join((str(error), "correct this for one start", *replaced))) from error
+
+
+def connect(axes: Sequence[Axis], encoders: Sequence[EncoderObject]) -> None:
+    """Connect the encoders that are sensors of axes, and what finds the status of each."""
+    by_do = {encoder.do_id: encoder for encoder in encoders}
+    for encoder in encoders:
+        encoder.check_chain = partial(encoder_enable_status, encoder)
+    for axis in axes:
+        axis.check_chain = partial(axis_enable_status, axis)
+        for place, source in enumerate((axis.config.g1, axis.config.g2)):
+            if isinstance(source, int):
+                axis.connect_sensor(by_do[source], place)
 
 
 class StoredObjects:

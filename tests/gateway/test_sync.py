@@ -97,7 +97,7 @@ def test_without_sync_the_drive_stops_by_itself() -> None:
         plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
         plc.until(lambda: plc.value("NIST_B") > 1 << 27, "it turns")
         model = drive_of(daemon).model
-        daemon.sync_producers.clear()
+        daemon.buses.sync_producers.clear()
         plc.until(lambda: model.state is not State.OPERATION_ENABLED, "loss of SYNC")
         assert model.emcy_code == 0x8700
         plc.until(lambda: model.velocity_actual == 0, "standstill")
@@ -193,7 +193,7 @@ def test_sync_is_withheld_from_a_drive_that_reacts_to_nothing_else(monkeypatch: 
 
 def test_jitter_and_dead_time_are_measured_and_shown() -> None:
     with operating(configuration(axis(1, telegram_number=105, more=MORE))) as (daemon, plc):
-        daemon._find_sync()
+        daemon.buses.find_sync()
         for late_us in (0, 300, 0, -200) * 20:
             plc.send()
             plc.loop.run_for(CYCLE_MS * MS + late_us * 1000)
