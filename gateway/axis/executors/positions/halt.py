@@ -129,7 +129,8 @@ class Halt:
         inputs = self._inputs
         if self.rested and not (inputs.standstill or inputs.standstill_unknown) and self._mode.shows_base():
             self._setpoint = _CONTINUED
-        if not self._stays() and self.may_fall:
+        continues = (self._setpoint is not _NONE or self._outputs.warned != 0) and self._stays()
+        if not continues and self.may_fall:
             if self._setpoint is not _NONE and self._shows_reached:
                 self._setpoint = _ENDED
             self.rested = True
