@@ -116,6 +116,18 @@ def test_a_task_that_ends_while_the_brake_opens_is_never_continued(
     assert not drive.hand.stepper.numbers
 
 
+@pytest.mark.parametrize("waited", [90, 300])
+def test_a_task_that_is_rejected_long_before_the_brake_opens_is_never_continued(make: Make, waited: int) -> None:
+    drive = Continuing(make().enable(), opening=400)
+    for _ in range(waited):
+        drive(ON | ACTIVATE)
+    assert not drive.moved
+    drive(ON & ~REJECT)
+    assert all(drive(ON) & HALT for _ in range(1000))
+    assert not drive.moved
+    assert not drive.hand.stepper.numbers
+
+
 @pytest.mark.parametrize("late", range(1, 9))
 @pytest.mark.parametrize("end", [REJECT, INTERMEDIATE], ids=["rejected", "stopped"])
 def test_a_task_that_ends_while_target_reached_is_still_that_of_before_it_is_stopped(

@@ -207,6 +207,18 @@ def test_a_late_target_reached_does_not_end_a_relative_task_that_has_not_begun(h
     assert hand.actuals["ZSW1"] & ZSW1_REACHED
 
 
+def test_target_reached_that_comes_and_goes_as_before_the_task_does_not_end_a_relative_task(hand: TaskHand) -> None:
+    """The shaft dithers, and the bit is late: it still changes as at rest while the axis turns slowly."""
+    hand.task(4096, OPERATING | REACHED, relative=True)
+    hand.task(4096, OPERATING | TAKEN | REACHED, relative=True)
+    for cycle in range(20):
+        hand.feedback.velocity_actual = FAST if cycle % 2 else 1
+        assert not hand.task(4096, OPERATING | (REACHED if cycle % 3 else 0), relative=True) & HALT
+        assert not hand.actuals["ZSW1"] & ZSW1_REACHED
+    hand.feedback.velocity_actual = FAST
+    assert hand(ON & ~REJECT) & HALT, "it still runs"
+
+
 def test_a_limit_bit_at_standstill_does_not_stop_a_relative_task_that_ended_before_its_acknowledge(
     hand: TaskHand,
 ) -> None:
@@ -216,6 +228,7 @@ def test_a_limit_bit_at_standstill_does_not_stop_a_relative_task_that_ended_befo
     hand.feedback.velocity_actual = FAST
     hand.task(100, OPERATING, relative=True)
     hand.feedback.velocity_actual = 0
+    hand.feedback.position_actual += 100
     for status in (*(rests,) * 25, *(rests | TAKEN,) * 20):
         hand.task(100, status, relative=True)
     for _ in range(hand.latency + 1):

@@ -47,8 +47,10 @@ class Halt:
         self._positioner = positioner
         self.effect = Answer(executor.settings.latency_ns)
         """Whether the newest setpoint or Halt has had the time to show at the shaft."""
-        self.reached = Answer(executor.settings.latency_ns)
-        """Whether "target reached" is an answer to the newest setpoint."""
+        self._reached = Answer(executor.settings.latency_ns)
+        """Target reached, in answer to the newest setpoint."""
+        self.awaits_reached = False
+        """Target reached may be that of before the newest setpoint: ``read_reached`` has to be called."""
         self._setpoint = _NONE
         self.rested = False
         """The axis was at rest without Halt, and no motion has begun since."""
@@ -66,7 +68,7 @@ class Halt:
     @property
     def _shows_reached(self) -> bool:
         """The drive shows "target reached", and not since before the newest setpoint."""
-        return not self.reached.awaited and self._feedback.statusword & _TARGET_REACHED != 0
+        return not self.awaits_reached and self._feedback.statusword & _TARGET_REACHED != 0
 
     @property
     def axis_stopped(self) -> bool:
@@ -102,11 +104,18 @@ class Halt:
 
     def replaced(self) -> None:
         """The drive gets a new setpoint."""
-        now, reached = self._inputs.now, self.reached
+        now = self._inputs.now
         self.effect.command(now)
-        reached.command(now)
-        reached.read(self._feedback.statusword & _TARGET_REACHED != 0, now)
+        self._reached.command(now)
+        self.read_reached()
         self.end()
+
+    def read_reached(self) -> None:
+        """Read "target reached" until it is an answer to the newest setpoint; under Halt it says nothing about its motion."""
+        reached = self._reached.read(self._feedback.statusword & _TARGET_REACHED != 0, self._inputs.now)
+        self.awaits_reached = self._reached.awaited
+        if reached and not self._mode.halted:
+            self.effect.withdraw()
 
     def watch(self) -> None:
         """Note whether the drive works on a setpoint that Halt has stopped and released."""
@@ -129,8 +138,11 @@ class Halt:
         inputs = self._inputs
         if self.rested and not (inputs.standstill or inputs.standstill_unknown) and self._mode.shows_base():
             self._setpoint = _CONTINUED
-        continues = (self._setpoint is not _NONE or self._outputs.warned != 0) and self._stays()
-        if not continues and self.may_fall:
+        if self._setpoint is not _NONE or self._outputs.warned:
+            stays = self._stays()
+        else:  # a setpoint that has neither moved the axis nor ended may still start: its brake opens
+            stays = self.effect.awaited and self._mode.shows_base()
+        if not stays and self.may_fall:
             if self._setpoint is not _NONE and self._shows_reached:
                 self._setpoint = _ENDED
             self.rested = True

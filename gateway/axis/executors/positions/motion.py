@@ -205,8 +205,8 @@ class MotionExecutor(Executor):
             bits = Seen.ASKED
         mode.read()
         handshake.taking.read(handshake.shown, inputs.now)
-        if halt.reached.awaited:
-            halt.reached.read(statusword & _TARGET_REACHED != 0, inputs.now)
+        if halt.awaits_reached:
+            halt.read_reached()
         if inputs.standstill:
             if inputs.position_follows(self._turned_at):
                 bits |= _STANDSTILL
@@ -271,7 +271,7 @@ class MotionExecutor(Executor):
         course = self.positioner.course
         distance = course.motion.goal.distance
         waits = distance is not None and 2 * abs(course.way) > abs(distance)
-        return waits and not self._halt.effect.due(self.inputs.now)
+        return waits and not self._handshake.arrival.due(self.inputs.now)
 
     def _ends_short(self) -> bool:
         """The drive is at an end of its positions, and away from its target."""
