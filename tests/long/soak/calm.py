@@ -117,7 +117,7 @@ def draw_habits(chance: Random, number: int, shape: str = "") -> dict[str, dict[
         if habit.name not in needed
     }
     if "motion-starts-late" in habits:
-        for name in ("flying-start", "load-swings-back"):
+        for name in ("flying-start", "load-sags", "load-swings-back"):
             habits.pop(name, None)  # a closed brake holds the load
     return habits
 
