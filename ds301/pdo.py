@@ -99,13 +99,14 @@ def pdo_of(index: int) -> tuple[PdoDirection, int]:
 
 
 _UNPACK: Final = """
-def unpack_into(data, image):
+def unpack_into(data, image, unpack=unpack):
     try:
         {values}, = unpack(data)
     except error:
         refuse(data)
 """
-"""Called for each TPDO in every cycle: attributes named one by one take the interpreter a third of a loop over their names."""
+"""Called for each TPDO in every cycle: attributes named one by one take the interpreter a third of a loop over their names.
+``unpack`` is a default, as the interpreter remembers where it found a name for one function of a code only."""
 _compile: Final = cache(compile)
 """A device's PDOs are mapped again at each start, mostly the same ones."""
 
