@@ -156,7 +156,7 @@ def test_an_open_controllers_own_reader_finds_every_module_and_length(tmp_path: 
     file = tmp_path / "device.xml"
     file.write_text(GsdmlWriter(IDENTITY, "pdgw", KINDS).write(), encoding="utf-8")
     # In a process of its own: a folder of this repository has the name of that package.
-    command = [sys.executable, "-P", "-c", _OTHERS_READING, str(file)]
+    command = [sys.executable, "-I", "-c", _OTHERS_READING, str(file)]
     said = json.loads(subprocess.run(command, capture_output=True, check=True, cwd=tmp_path).stdout)
     assert said["device"] == [IDENTITY.vendor_id, IDENTITY.device_id]
     assert said["slot 0"] == [[subslot, item.ident] for subslot, item in access_module().submodules.items()]
