@@ -18,7 +18,8 @@ def main(config: str, gsdml: str, example: str) -> int:
     """Try until the station is there; a busy machine may also end a relationship too early."""
     end = time.monotonic() + PATIENCE_S
     with VethPair() as pair, subprocess.Popen([sys.executable, "-m", "pdgw", "run", config]) as gateway:
-        command = pair.command(sys.executable, example, THERE, "press-1", gsdml)
+        # Isolated: a folder of this repository has the name of the controller's package.
+        command = pair.command(sys.executable, "-I", example, THERE, "press-1", gsdml)
         while True:
             result = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
             if not result.returncode or time.monotonic() > end:
