@@ -327,7 +327,7 @@ def measure(case: Case) -> Measured:
         while abs(model.speed) > 1 and loop.now() - began < 2 * _LIMIT_S * SECOND:
             _next_cycle(gateway, case, frames)
         assert abs(model.speed) <= 1, f"{case.title}: it still turns"
-        assert ORDERS[row].fault is found.number, f"{case.title}: {row.name}, fault {found.number}"
+        assert ORDERS[row].fault == found.number, f"{case.title}: {row.name}, fault {found.number}"
         turns = abs(model.machine_position - place) / INCREMENTS_PER_REVOLUTION
         after, rest = (found.time_ns - began) / SECOND, (loop.now() - began) / SECOND
     return Measured(
