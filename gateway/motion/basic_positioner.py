@@ -39,7 +39,7 @@ from pdgw.gateway.motion.requests import (
     Seen,
 )
 from pdgw.gateway.motion.states import JOG_STATES, JOGS, TASK_STATES, TRANSITIONS, Action, Event, State
-from pdgw.gateway.motion.travel import UserCourse
+from pdgw.gateway.motion.user_course import UserCourse
 
 SHOWN_NS: Final = 100 * MS
 """Minimum time of POS_ZSW1.11 = 1 for homing and a set reference point, because masters poll it."""

@@ -12,7 +12,7 @@ from pdgw.base.durations import MS
 from pdgw.gateway.base.reasons import Reason
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
 from pdgw.gateway.motion.requests import FULL, Seen
-from pdgw.gateway.motion.travel import UserCourse
+from pdgw.gateway.motion.user_course import UserCourse
 
 
 def _fraction(percent: int) -> int:

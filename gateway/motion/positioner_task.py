@@ -10,7 +10,7 @@ from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.requests import DIRECTIONS, Command, PositionerRequest
 from pdgw.gateway.motion.states import Event
-from pdgw.gateway.motion.travel import UserCourse
+from pdgw.gateway.motion.user_course import UserCourse
 
 _MDI_SELECTED, _ABSOLUTE, _SETTING_UP_SELECTED = Command.MDI, Command.ABSOLUTE, Command.SETTING_UP
 _SETTING_UP_TASK, _BLOCK_TASK = Event.SETTING_UP, Event.BLOCK

@@ -6,7 +6,7 @@ from typing import Final
 
 from pdgw.gateway.motion.requests import MotionKind, Seen
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.motion.travel import UserCourse
+from pdgw.gateway.motion.user_course import UserCourse
 from pdgw.profidrive.signals import signal
 
 _STANDSTILL = Seen.STANDSTILL

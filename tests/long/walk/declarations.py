@@ -51,7 +51,8 @@ from pdgw.gateway.motion.function_orders import EdgeOrder, JogOrder, Order, Stag
 from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import RISING, Positioner
 from pdgw.gateway.motion.requests import Motion, PositionerFeedback
-from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_LEFT_NS, Course, Stall, UserCourse
+from pdgw.gateway.motion.travel import LIMIT_LEFT_NS, Course, Stall
+from pdgw.gateway.motion.user_course import FIXED_STOP_NS, UserCourse
 from pdgw.profidrive.sign_of_life import SignOfLife
 
 OF: Final[dict[type, dict[str, Any]]] = {
