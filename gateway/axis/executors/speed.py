@@ -108,7 +108,7 @@ class SpeedExecutor(Executor):
             drive.minimum_speed,
             drive.speed_mode in _UNREPORTED,
         )
-        self._wire, self._bits = None, drive.speed_bits
+        self._wire, self._bits, self.slowest = None, drive.speed_bits, 0
 
     @property
     def limit_side(self) -> int:

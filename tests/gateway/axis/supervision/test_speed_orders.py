@@ -191,6 +191,16 @@ def test_minimum_speed_counts_with_a_setpoint_alone() -> None:
     assert bench.controlword & VL_RAMP == VL_RAMP & ~VL_REFERENCE
 
 
+def test_minimum_speed_is_that_of_the_present_drive() -> None:
+    """The parameter of the inverter was set to 0 while it was lost: it may not turn any more at setpoint 0."""
+    bench = inverter()
+    bench.stepper.set_drive(described("vl"))
+    bench.step(OFF, cycles=3)
+    bench.step(ON, 0, cycles=10)
+    assert bench.order(ON, 0, 1000, lambda cycle: MINIMUM) < REACTION + 600
+    assert bench.numbers
+
+
 def test_minimum_speed_counts_in_velocity_mode_alone() -> None:
     acting = {(VL_MIN_MAX, 1): MINIMUM}
     assert _INVERTER.minimum_speed == MINIMUM
