@@ -359,6 +359,9 @@ class TaskProgram(AxisProgram):
             values["OVERRIDE"] = 0x4000
         if not self.positioner:
             values["SATZANW"] = 0x8000
+        swing = self.axis.plan.habits.get("dithers", {"rpm": 0, "period_ms": 0})
+        self.near = _WINDOW + 3 * swing["rpm"] * swing["period_ms"] / 60_000 / (2 * math.pi)
+        """Revolutions. The place from which a relative task begins, the one seen before, and its end are any of a dither."""
 
     # -- units and values -------------------------------------------------------------------------------------------------
 
@@ -425,7 +428,7 @@ class TaskProgram(AxisProgram):
 
     def at(self, target: float) -> bool:
         """Whether the axis has arrived."""
-        near = abs(self.where - target) <= _WINDOW and self.at_standstill()
+        near = abs(self.where - target) <= self.near and self.at_standstill()
         return near and bool(self.shown("ZSW1") & _REACHED) and self.shows(target)
 
     def shows(self, target: float) -> bool:
@@ -433,7 +436,7 @@ class TaskProgram(AxisProgram):
         if not self.mdi:
             return True
         raw = self.shown(f"XIST{self.suffix or '_A'}")
-        return abs((float_of(raw) if self.suffix else raw) - self.units(target)) <= self.units(_WINDOW)
+        return abs((float_of(raw) if self.suffix else raw) - self.units(target)) <= self.units(self.near)
 
     # -- tasks -----------------------------------------------------------------------------------------------------------
 
