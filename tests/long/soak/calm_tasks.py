@@ -272,7 +272,8 @@ class DscProgram(SpeedProgram):
 
     def __init__(self, run: CalmRun) -> None:
         super().__init__(run)
-        self.tasks["follow path"] = self.follow_path
+        if "slow-ramps" not in self.axis.plan.habits:  # with which a position loop of the PLC never comes to rest
+            self.tasks["follow path"] = self.follow_path
         late = {name: values for name, values in self.axis.plan.habits.items() if name in _DEAD_TIMES}
         delay_s = (6 * run.cycle_ns + 2 * habits_ms(late) * MS) / SECOND
         gain, turn = min(20.0, 0.2 / delay_s), INCREMENTS_PER_REVOLUTION
